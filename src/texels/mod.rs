@@ -1,0 +1,94 @@
+//! Scene + Atlas → [`Texels`]: where in the world each texel of a page lies.
+//!
+//! A texel is covered when a bilinear lookup anywhere on its chart can read it. A covered texel whose centre lies off the chart takes
+//! the nearest point on it.
+
+use glam::DVec3;
+
+use crate::atlas::Atlas;
+use crate::error::Warnings;
+use crate::scene::Scene;
+
+/// The covered texels of one page, in tiles.
+#[derive(Debug)]
+pub struct Texels {
+    /// Index of the page.
+    pub page: usize,
+    /// Texels per row of the page.
+    pub width: u32,
+    /// Rows of the page.
+    pub height: u32,
+    /// Covered texels, grouped by tile.
+    pub texels: Vec<Texel>,
+    /// Groups of neighbouring texels: the part of one chart that lies in one 8×8 block of the page. The unit of work.
+    pub tiles: Vec<Tile>,
+    /// What was odd.
+    pub warnings: Warnings,
+}
+
+/// One covered texel.
+#[derive(Clone, Copy, Debug)]
+pub struct Texel {
+    /// Column in the page.
+    pub x: u16,
+    /// Row in the page, 0 on top.
+    pub y: u16,
+    /// Index in [`Scene::triangles`] of the triangle it lies on.
+    pub triangle: u32,
+    /// World metres; where light is evaluated. After [`push_out`] it may lie off the triangle.
+    pub position: DVec3,
+    /// Unit front normal of the triangle.
+    pub geometric_normal: DVec3,
+    /// Unit normal of the horizon and of E: the interpolated vertex normal; the geometric normal where there is none, or where the
+    /// authored one points away from the front.
+    pub normal: DVec3,
+    /// ∂x/∂u in metres per texel to the right, on the triangle's plane.
+    pub du: DVec3,
+    /// ∂x/∂v in metres per texel down, on the triangle's plane.
+    pub dv: DVec3,
+}
+
+/// A run of [`Texels::texels`] that belongs together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tile {
+    /// Range in [`Texels::texels`].
+    pub texels: std::ops::Range<usize>,
+    /// Chart within its placement's unwrap.
+    pub chart: u32,
+    /// Index in [`Atlas::placements`].
+    pub placement: u32,
+}
+
+/// What stands in the way of a straight line, for [`push_out`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Obstacle {
+    /// Metres from the start of the line.
+    pub distance: f64,
+    /// Unit front normal of the surface that was hit.
+    pub normal: DVec3,
+    /// Whether its back was hit.
+    pub back: bool,
+}
+
+/// Side of a tile in texels.
+pub const TILE: u32 = 8;
+
+/// Finds the covered texels of one page.
+///
+/// Positions of smooth-shaded surfaces are moved onto the curved surface that the vertex normals describe (never inwards), so that
+/// facets cast no stripes at the terminator.
+#[must_use]
+pub fn cover(_scene: &Scene, _atlas: &Atlas, _page: usize) -> Texels {
+    unimplemented!()
+}
+
+/// Moves samples that sit inside other geometry out of it.
+///
+/// `first_hit(origin, direction, distance)` gives the nearest obstacle along the unit `direction`, on either side of a surface.
+/// Returns how many texels were moved.
+pub fn push_out(
+    _texels: &mut Texels,
+    _first_hit: &(dyn Fn(DVec3, DVec3, f64) -> Option<Obstacle> + Sync),
+) -> usize {
+    unimplemented!()
+}

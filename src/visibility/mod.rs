@@ -1,0 +1,43 @@
+//! Scene → [`Occluders`]: what stands between two points.
+//!
+//! Two implementations of [`Visibility`] run the same test suite: [`Occluders`], a bounding volume hierarchy, and [`BruteForce`],
+//! which looks at every triangle and is obviously right.
+
+mod brute;
+mod bvh;
+mod shaft;
+
+use glam::DVec3;
+
+pub use self::brute::BruteForce;
+pub use self::bvh::Occluders;
+pub use self::shaft::Shaft;
+
+/// The nearest surface along a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Metres from the origin.
+    pub distance: f64,
+    /// Index in `Scene::triangles`.
+    pub triangle: u32,
+    /// Whether the front was hit.
+    pub front: bool,
+}
+
+/// Answers about the opaque part of a scene. Masked surfaces count where their alpha reaches the cutoff, blended ones do not count.
+pub trait Visibility: Sync {
+    /// Whether anything stands strictly between `from` and `to` (world metres), triangles accepted by `ignore` excepted.
+    ///
+    /// Surfaces through either end point do not count, however the coordinates are rounded. Coinciding points see each other.
+    fn occluded(&self, from: DVec3, to: DVec3, ignore: &dyn Fn(u32) -> bool) -> bool;
+
+    /// The nearest surface from `origin` along the unit vector `direction`, strictly farther than rounding and at most `max_distance`
+    /// metres away, triangles accepted by `ignore` excepted.
+    fn closest(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        max_distance: f64,
+        ignore: &dyn Fn(u32) -> bool,
+    ) -> Option<Hit>;
+}

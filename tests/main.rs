@@ -1,0 +1,21 @@
+//! The evidence: one file per kind, all in one binary.
+
+mod support;
+
+// Each stage keeps its promises.
+mod atlas;
+mod cli;
+mod lights;
+mod output;
+mod scene;
+mod texels;
+mod transport;
+mod visibility;
+
+// The whole.
+mod architecture;
+mod bake;
+mod readers;
+
+// Real levels, models and broken files by others.
+mod corpus;
