@@ -1,0 +1,185 @@
+//! What a scene needs, and what it gives no reason for.
+
+use super::{Options, Output};
+use crate::lights::Lights;
+use crate::output;
+use crate::scene::Alpha;
+use crate::scene::Scene;
+use crate::transport;
+
+/// Decisions about a bake, each with its reason.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Plan {
+    /// In the order of the stages.
+    pub decisions: Vec<Decision>,
+    /// The files to write.
+    pub outputs: Vec<Output>,
+}
+
+/// One thing that is done or left out.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Decision {
+    /// The stage, channel, ray or file: `light vector`, `alpha test`, `sky`.
+    pub what: &'static str,
+    /// Whether it is done.
+    pub done: bool,
+    /// Why.
+    pub reason: String,
+}
+
+impl Plan {
+    /// Whether the bake writes this kind of file.
+    #[must_use]
+    pub fn writes(&self, output: Output) -> bool {
+        self.outputs.contains(&output)
+    }
+
+    pub(super) fn output(&self, options: &Options) -> output::Options {
+        output::Options {
+            float: options.float,
+            tolerance: options.tolerance,
+            dilation: options.atlas.padding,
+            preview: self.writes(Output::Preview),
+            glb: self.writes(Output::Glb),
+        }
+    }
+
+    pub(super) fn transport(&self, options: &Options) -> transport::Options {
+        transport::Options {
+            gradients: self.writes(Output::Gradient),
+            ..options.transport.clone()
+        }
+    }
+
+    fn decide(&mut self, what: &'static str, done: bool, reason: impl Into<String>) {
+        self.decisions.push(Decision {
+            what,
+            done,
+            reason: reason.into(),
+        });
+    }
+
+    fn decide_file(&mut self, what: &'static str, file: Output, done: bool, reason: &str) {
+        self.decide(what, done, reason);
+        if done {
+            self.outputs.push(file);
+        }
+    }
+}
+
+/// Decides what a bake of `scene` does and leaves out.
+#[must_use]
+pub fn plan(scene: &Scene, lights: &Lights, options: &Options) -> Plan {
+    let mut plan = Plan {
+        decisions: Vec::new(),
+        outputs: Vec::new(),
+    };
+    decide_light(&mut plan, scene, lights);
+    decide_files(&mut plan, scene, lights, options);
+    plan
+}
+
+fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights) {
+    let n_polygons = lights.polygons.len();
+    plan.decide(
+        "area lights",
+        n_polygons > 0,
+        if n_polygons > 0 {
+            let n_triangles: usize = lights.polygons.iter().map(|p| p.surface.len()).sum();
+            format!("{n_triangles} emissive triangles make {n_polygons} polygons")
+        } else {
+            "no material emits".to_owned()
+        },
+    );
+    let n_punctual = scene.punctual_lights.len();
+    plan.decide(
+        "punctual lights",
+        false,
+        if n_punctual > 0 {
+            format!("{n_punctual} are in the scene; they are read but this version does not bake them yet")
+        } else {
+            "none in the scene".to_owned()
+        },
+    );
+    plan.decide("sky", false, "this version does not bake skies yet");
+
+    let n_masked = count_triangles(scene, |alpha| matches!(alpha, Alpha::Mask { .. }));
+    plan.decide(
+        "alpha test",
+        n_masked > 0,
+        if n_masked > 0 {
+            format!("{n_masked} triangles have alphaMode MASK")
+        } else {
+            "no material has alphaMode MASK".to_owned()
+        },
+    );
+    let n_blended = count_triangles(scene, |alpha| alpha == Alpha::Blend);
+    if n_blended > 0 {
+        plan.decide(
+            "tinted shadows",
+            false,
+            format!(
+                "{n_blended} triangles have alphaMode BLEND; in this version they cast no shadow"
+            ),
+        );
+    }
+}
+
+fn decide_files(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Options) {
+    if let Some(outputs) = &options.outputs {
+        plan.outputs = outputs.clone();
+        plan.outputs.sort();
+        plan.outputs.dedup();
+        plan.decide("files", true, "as asked with --outputs");
+        return;
+    }
+    let normal_mapped = scene.any_material(|material| material.normal_mapped);
+    let directional = normal_mapped || options.directional;
+    plan.decide_file("irradiance", Output::E, true, "every engine reads it");
+    plan.decide_file(
+        "light vector",
+        Output::G,
+        directional,
+        if normal_mapped {
+            "a material has a normal texture"
+        } else if options.directional {
+            "asked with --directional"
+        } else {
+            "no material has a normal texture, so the irradiance alone says everything"
+        },
+    );
+    plan.decide_file(
+        "fluence",
+        Output::Phi,
+        directional && !lights.polygons.is_empty(),
+        if !directional {
+            "no light vector to complete"
+        } else if lights.polygons.is_empty() {
+            "no light"
+        } else {
+            "lights have area, so the light vector alone underestimates tilted normals"
+        },
+    );
+    plan.decide_file(
+        "gradients",
+        Output::Gradient,
+        false,
+        "nobody asked (--outputs gradient)",
+    );
+    plan.decide_file(
+        "error map",
+        Output::Error,
+        false,
+        "nobody asked (--outputs error); its figures are in the manifest",
+    );
+    plan.decide_file("preview", Output::Preview, true, "to look at");
+    plan.decide_file("glb", Output::Glb, true, "carries the lightmap coordinates");
+}
+
+fn count_triangles(scene: &Scene, test: impl Fn(Alpha) -> bool) -> usize {
+    scene
+        .triangles
+        .iter()
+        .filter(|triangle| test(scene.materials[triangle.material as usize].alpha))
+        .count()
+}
