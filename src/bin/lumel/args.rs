@@ -3,11 +3,14 @@
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Parser, Subcommand, ValueEnum};
 use lumel::atlas::Uv;
 use lumel::bake::{Options, Output};
 use lumel::scene;
 use lumel::transport::Estimator;
+
+use super::points::Table;
 
 const AFTER_HELP: &str = "\
 Examples:
@@ -134,12 +137,12 @@ pub(crate) struct Probe {
     pub(crate) general: General,
 
     /// Points and normals, .csv or .npy
-    #[arg(long, value_name = "FILE")]
-    pub(crate) points: PathBuf,
+    #[arg(long, value_name = "FILE", value_parser = table())]
+    pub(crate) points: Table,
 
     /// Where the result goes, .csv or .npy [default: as CSV on standard output]
-    #[arg(short = 'o', value_name = "FILE", required_if_eq("json", "true"))]
-    pub(crate) output: Option<PathBuf>,
+    #[arg(short = 'o', value_name = "FILE", value_parser = table(), required_if_eq("json", "true"))]
+    pub(crate) output: Option<Table>,
 
     #[command(flatten)]
     pub(crate) sampling: Sampling,
@@ -386,6 +389,11 @@ impl From<OutputArg> for Output {
     }
 }
 
+/// Reads the name of a table.
+fn table() -> impl TypedValueParser<Value = Table> {
+    PathBufValueParser::new().try_map(Table::new)
+}
+
 /// Reads a number in `range`; anything else, NaN too, is a message that states the range. Clap adds option and value.
 fn real(range: RangeInclusive<f64>) -> impl Fn(&str) -> Result<f64, String> + Clone {
     move |text| match text.trim().parse::<f64>() {
@@ -407,5 +415,98 @@ fn whole(range: RangeInclusive<u32>) -> impl Fn(&str) -> Result<u32, String> + C
             range.start(),
             range.end()
         )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::*;
+
+    fn bake_options(arguments: &[&str]) -> Options {
+        let words = ["lumel", "bake", "a.glb"].iter().chain(arguments);
+        match Args::try_parse_from(words).map(|args| args.command) {
+            Ok(Command::Bake(bake)) => bake.options(),
+            other => panic!("{arguments:?}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn the_definition_is_sound() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn without_arguments_the_library_decides() {
+        assert_eq!(bake_options(&[]), Options::default());
+    }
+
+    #[test]
+    fn presets_are_what_their_help_says() {
+        for preset in Preset::value_variants() {
+            let value = preset.to_possible_value().expect("every preset has a name");
+            let help = value
+                .get_help()
+                .expect("every preset has a help")
+                .to_string();
+            let words: Vec<&str> = help
+                .split_whitespace()
+                .skip_while(|word| !word.starts_with("--"))
+                .collect();
+            assert_eq!(words.len(), 6, "{help}");
+            assert_eq!(
+                bake_options(&["--preset", value.get_name()]),
+                bake_options(&words),
+                "{help}"
+            );
+        }
+    }
+
+    #[test]
+    fn help_states_the_library_s_defaults() {
+        let defaults = Options::default();
+        let command = Args::command();
+        let bake = command.find_subcommand("bake").expect("a subcommand");
+        for (id, default) in [
+            (
+                "texels_per_metre",
+                defaults.atlas.texels_per_metre.to_string(),
+            ),
+            ("page", defaults.atlas.page.to_string()),
+            ("padding", defaults.atlas.padding.to_string()),
+            ("tolerance", defaults.tolerance.to_string()),
+            ("samples", defaults.transport.samples.to_string()),
+        ] {
+            let argument = bake
+                .get_arguments()
+                .find(|argument| argument.get_id() == id);
+            let help = argument
+                .and_then(|argument| argument.get_help())
+                .map(ToString::to_string)
+                .unwrap_or_default();
+            let [bare, explained] = [']', ','].map(|end| format!("[default: {default}{end}"));
+            assert!(
+                help.contains(&bare) || help.contains(&explained),
+                "{id}: {help}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_ends_of_every_range_suit_the_library() {
+        for (option, low, high) in [
+            ("--texels-per-metre", "0.001", "10000"),
+            ("--tolerance", "0.000001", "1"),
+            ("--page", "64", "16384"),
+            ("--padding", "2", "64"),
+            ("--samples", "1", "65536"),
+        ] {
+            for end in [low, high] {
+                if let Err(error) = bake_options(&[option, end]).validate() {
+                    panic!("{option} {end}: {error}");
+                }
+            }
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Points and normals for `probe`, from CSV or `NumPy` files.
 
-use std::path::Path;
+use std::path::PathBuf;
 
 use glam::DVec3;
 use lumel::transport::Receiver;
@@ -20,30 +20,34 @@ pub(crate) enum Format {
     Npy,
 }
 
-impl Format {
-    /// By the extension of `path`, in any case; `option` names it in the message.
-    pub(crate) fn of(path: &Path, option: &'static str) -> Result<Self> {
+/// A file whose extension says how it is written.
+#[derive(Clone, Debug)]
+pub(crate) struct Table {
+    pub(crate) path: PathBuf,
+    pub(crate) format: Format,
+}
+
+impl Table {
+    /// By the extension of `path`, in any case; for clap, which adds the option and the value to the message.
+    pub(crate) fn new(path: PathBuf) -> std::result::Result<Self, &'static str> {
         let extension = path.extension().unwrap_or_default();
-        if extension.eq_ignore_ascii_case("csv") {
-            Ok(Self::Csv)
+        let format = if extension.eq_ignore_ascii_case("csv") {
+            Format::Csv
         } else if extension.eq_ignore_ascii_case("npy") {
-            Ok(Self::Npy)
+            Format::Npy
         } else {
-            Err(Error::InvalidOption {
-                option,
-                reason: format!("must end in .csv or .npy, is {}", path.display()),
-            })
-        }
+            return Err("must end in .csv or .npy");
+        };
+        Ok(Self { path, format })
     }
 }
 
-/// Reads the points of `path`; normals are brought to length 1.
+/// Reads the points of `table`; normals are brought to length 1.
 ///
 /// Line or row of the first mistake is in the message.
-pub(crate) fn read(path: &Path) -> Result<Vec<Receiver>> {
-    let format = Format::of(path, "points")?;
+pub(crate) fn read(Table { path, format }: &Table) -> Result<Vec<Receiver>> {
     let bytes = std::fs::read(path).map_err(|source| Error::Io {
-        path: path.to_owned(),
+        path: path.clone(),
         source,
     })?;
     let parsed = match format {
@@ -51,7 +55,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Receiver>> {
         Format::Npy => parse_npy(&bytes),
     };
     parsed.map_err(|mistake| Error::InvalidFile {
-        path: path.to_owned(),
+        path: path.clone(),
         place: mistake.place,
         reason: mistake.reason,
     })

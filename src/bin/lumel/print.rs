@@ -145,13 +145,13 @@ pub(crate) fn bake_summary(report: &Report, directory: &Path, seconds: f64) -> S
 /// What `probe` says to a person.
 pub(crate) fn probe_summary(n_points: usize, n_unknown: usize, counters: &Counters) -> String {
     let mut text = format!(
-        "{} points, {} shadow rays",
+        "points: {}, shadow rays: {}",
         grouped(n_points as u64),
         grouped(counters.shadow_rays)
     );
     if n_unknown > 0 {
         text += &format!(
-            "; {} points see a light that something may hide and have no derivative (nan)",
+            ", without derivative (nan) because something may hide a light: {}",
             grouped(n_unknown as u64)
         );
     }
@@ -321,4 +321,21 @@ fn grouped(number: u64) -> String {
         text.push(digit);
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_grouped_by_thousands() {
+        for (number, text) in [
+            (0, "0"),
+            (999, "999"),
+            (1000, "1,000"),
+            (1_234_567, "1,234,567"),
+        ] {
+            assert_eq!(grouped(number), text);
+        }
+    }
 }

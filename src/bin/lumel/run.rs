@@ -83,7 +83,7 @@ fn run_probe(args: &Probe) -> Result<Outcome> {
     // What cannot be written is found out before anything is evaluated.
     let destination = args
         .output
-        .as_deref()
+        .as_ref()
         .map(samples::Destination::create)
         .transpose()?;
     let receivers = points::read(&args.points)?;
@@ -107,7 +107,7 @@ fn run_probe(args: &Probe) -> Result<Outcome> {
             "pointsWithoutDerivative": n_unknown,
             "counters": counters,
             "warnings": warnings,
-            "file": args.output.as_ref().map(|path| path.display().to_string()),
+            "file": args.output.as_ref().map(|table| table.path.display().to_string()),
         });
         print::out(&format!("{object:#}\n"))?;
     } else if !general.quiet {

@@ -2,14 +2,14 @@
 
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use lumel::transport::{Receiver, Sample};
 use lumel::{Error, Result};
 use npyz::WriterBuilder as _;
 use tempfile::NamedTempFile;
 
-use super::points::Format;
+use super::points::{Format, Table};
 
 /// Names of the columns: E at the point's own normal, light vector, fluence, derivatives (`jr_xy` = ∂`gr_x`/∂y), error, rays.
 pub(crate) const COLUMNS: [&str; 44] = [
@@ -25,16 +25,14 @@ pub(crate) const COLUMNS: [&str; 44] = [
 /// A file that appears when it is complete.
 #[derive(Debug)]
 pub(crate) struct Destination {
-    path: PathBuf,
-    format: Format,
+    table: Table,
     file: NamedTempFile,
 }
 
 impl Destination {
-    /// Opens a temporary file beside `path`, whose extension decides the format.
-    pub(crate) fn create(path: &Path) -> Result<Self> {
-        let format = Format::of(path, "o")?;
-        let folder = match path.parent() {
+    /// Opens a temporary file beside `table`.
+    pub(crate) fn create(table: &Table) -> Result<Self> {
+        let folder = match table.path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
@@ -45,25 +43,28 @@ impl Destination {
         let file = builder
             .prefix(".lumel-")
             .tempfile_in(folder)
-            .map_err(|source| io_error(path, source))?;
+            .map_err(|source| io_error(&table.path, source))?;
         Ok(Self {
-            path: path.to_owned(),
-            format,
+            table: table.clone(),
             file,
         })
     }
 
     /// Writes one row per point and gives the file its name.
     pub(crate) fn write(mut self, receivers: &[Receiver], samples: &[Sample]) -> Result<()> {
-        let bytes = match self.format {
+        let bytes = match self.table.format {
             Format::Csv => Ok(to_csv(receivers, samples).into_bytes()),
             Format::Npy => to_npy(receivers, samples),
         };
         bytes
             .and_then(|bytes| self.file.write_all(&bytes))
-            .and_then(|()| self.file.persist(&self.path).map_err(|error| error.error))
+            .and_then(|()| {
+                self.file
+                    .persist(&self.table.path)
+                    .map_err(|error| error.error)
+            })
             .map(drop)
-            .map_err(|source| io_error(&self.path, source))
+            .map_err(|source| io_error(&self.table.path, source))
     }
 }
 
