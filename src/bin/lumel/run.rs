@@ -1,7 +1,7 @@
 //! The subcommands: each opens the scene, calls the library, and prints what came of it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use lumel::bake::{self, Execution};
 use lumel::scene::Scene;
@@ -37,12 +37,21 @@ pub(crate) fn run(command: &Command) -> Result<Outcome> {
 
 /// The first Ctrl-C asks the library to stop, the second one stops.
 fn listen_for_interrupts(display: &Display) {
+    /// Signals closer together than this are one wish to stop: `timeout` signals the process and then its group. Much longer, and a
+    /// user who presses twice would be ignored.
+    const ONE_PRESS: Duration = Duration::from_millis(300);
     let display = display.clone();
-    let handler = move || {
-        if CANCELLED.swap(true, Ordering::Relaxed) {
+    let mut first: Option<Instant> = None;
+    let handler = move || match first {
+        Some(first) if first.elapsed() > ONE_PRESS => {
             std::process::exit(i32::from(INTERRUPTED));
         }
-        display.say("stopping; Ctrl-C again stops at once");
+        Some(_) => {}
+        None => {
+            first = Some(Instant::now());
+            CANCELLED.store(true, Ordering::Relaxed);
+            display.say("stopping; Ctrl-C again stops at once");
+        }
     };
     if let Err(error) = ctrlc::set_handler(handler) {
         print::warning(&format!("Ctrl-C will stop at once: {error}"));
