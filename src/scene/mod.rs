@@ -16,6 +16,8 @@ mod gltf;
 
 mod node;
 
+mod instance;
+
 mod accessor;
 
 mod primitive;
