@@ -72,7 +72,10 @@ pub(super) fn polygons(pieces: &[Piece]) -> Vec<Polygon> {
         }
         let (mut members, plane) = grow(seed, pieces, &web, &mut taken);
         members.sort_unstable();
-        if members.iter().all(|&member| plane.holds(&pieces[member as usize])) {
+        if members
+            .iter()
+            .all(|&member| plane.holds(&pieces[member as usize]))
+        {
             regions.push(members);
         } else {
             // A band that bends by less than rounding from piece to piece has dragged the plane along with it.
@@ -130,12 +133,7 @@ fn polygon(region: &[u32], pieces: &[Piece], web: &Web) -> Polygon {
         .map(|&member| web.corners[member as usize].as_slice())
         .collect();
     Polygon {
-        contours: contour::outline(
-            &loops,
-            &web.positions,
-            normal,
-            STRAIGHTNESS * uncertainty,
-        ),
+        contours: contour::outline(&loops, &web.positions, normal, STRAIGHTNESS * uncertainty),
         triangles,
         normal,
         area,

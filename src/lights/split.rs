@@ -118,9 +118,7 @@ fn halved(
     let mut queue: BinaryHeap<Urgent> = drafts
         .iter()
         .enumerate()
-        .filter_map(|(index, draft)| {
-            urgency(draft).map(|urgency| Urgent { urgency, index })
-        })
+        .filter_map(|(index, draft)| urgency(draft).map(|urgency| Urgent { urgency, index }))
         .collect();
     let mut splits = 0;
     while let Some(Urgent { index, .. }) = queue.pop() {
@@ -206,8 +204,7 @@ fn halves(scene: &Scene, draft: &Draft) -> [Draft; 2] {
     let end = (start + 1) % 3;
     // Symmetric in the two ends, so that the triangle on the other side of the edge has the same middle.
     let middle = 0.5 * (draft.vertices[start] + draft.vertices[end]);
-    let weights =
-        [0, 1, 2].map(|k| 0.5 * (draft.corners[start][k] + draft.corners[end][k]));
+    let weights = [0, 1, 2].map(|k| 0.5 * (draft.corners[start][k] + draft.corners[end][k]));
     [end, start].map(|replaced| {
         let mut half = *draft;
         half.vertices[replaced] = middle;
@@ -226,7 +223,7 @@ fn sampled(scene: &Scene, mut draft: Draft) -> Draft {
         let weights = [0, 1, 2].map(|k| (0..3).map(|j| weights[j] * draft.corners[j][k]).sum());
         (index, emission::at(scene, draft.triangle, weights))
     });
-    // Deviations from the first sample, so that equal samples have exactly their value as mean and no deviation.
+    // Relative to the first sample, so that equal samples have their value as mean and no deviation.
     let mut first = DVec3::ZERO;
     let (mut sum, mut squares) = (DVec3::ZERO, DVec3::ZERO);
     for (index, value) in samples {
@@ -238,7 +235,8 @@ fn sampled(scene: &Scene, mut draft: Draft) -> Draft {
     }
     let count = f64::from(parts * parts);
     let shift = sum / count;
-    draft.mean = first + shift;
+    // In f32, so that what interpolating equal texels rounds differently is one radiance again.
+    draft.mean = (first + shift).as_vec3().as_dvec3();
     draft.deviation = (squares / count - shift * shift)
         .max(DVec3::ZERO)
         .max_element()
