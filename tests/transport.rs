@@ -152,7 +152,10 @@ fn explore() {
                 })
                 .collect();
             rows.sort_by(|a, b| a.3[0].total_cmp(&b.3[0]));
-            if rows.is_empty() { println!("none {cut} {decade}"); continue; }
+            if rows.is_empty() {
+                println!("none {cut} {decade}");
+                continue;
+            }
             let stat = |k: usize| {
                 let mut v: Vec<f64> = rows.iter().map(|r| r.3[k]).collect();
                 v.sort_by(f64::total_cmp);

@@ -199,7 +199,6 @@ mod tests {
 
     #[test]
     fn heights_keep_their_digits_far_away() {
-        // 3·(1/3 rounded) and the like: the exact height is the sum of what a plain product rounds off.
         let horizon = Plane {
             point: DVec3::new(1e5, -2e5, 3e5),
             normal: DVec3::new(0.6, 0.8, 0.0),
@@ -207,8 +206,8 @@ mod tests {
         let step = 2f64.powi(-30);
         let on = horizon.height(horizon.point + DVec3::new(4096.0, -3072.0, 0.0));
         let above = horizon.height(horizon.point + DVec3::new(4096.0, -3072.0 + step, 0.0));
-        // 0.8 is 0.6·4/3 only up to rounding: the plane through the position passes `on` away from the point, exactly.
-        let residue = 0.6f64.mul_add(4096.0, -(0.8 * 3072.0));
+        // The normal is (0.6, 0.8) only up to rounding, so the point is a little off the plane. Products with powers of two are exact.
+        let residue = (0.6 * 4096.0 - 0.8 * 2048.0) - 0.8 * 1024.0;
         assert!((on - residue).abs() < 1e-25, "{on:e} {residue:e}");
         assert!((above - on - 0.8 * step).abs() < 1e-25);
     }

@@ -150,7 +150,7 @@ mod tests {
             // The closed form loses a factor of the distance in radii.
             let tolerance = 1e-14 * radii;
             assert!((got.g - want.g).length() < tolerance * want.g.length());
-            assert!((got.phi - want.phi).abs() < tolerance * want.phi);
+            assert!((got.phi - want.phi).abs() < tolerance * want.phi.abs());
             assert!((got.grad_phi - want.grad_phi).length() < tolerance * want.grad_phi.length());
             for axis in 0..3 {
                 let error = (got.j.col(axis) - want.j.col(axis)).length();

@@ -15,7 +15,7 @@ use crate::visibility::{Occluders, Shaft};
 pub fn gather(
     tile: &[Receiver],
     lights: &Lights,
-    occluders: &Occluders,
+    occluders: &Occluders<'_>,
     options: &Options,
 ) -> (Vec<Sample>, Counters) {
     let mut counters = Counters {
@@ -75,7 +75,7 @@ pub fn gather(
 fn may_be_occluded<'a>(
     source: &Source<'_>,
     receivers: impl Iterator<Item = &'a Receiver>,
-    occluders: &Occluders,
+    occluders: &Occluders<'_>,
 ) -> bool {
     let polygon = source.polygon;
     let receivers: Vec<_> = receivers
