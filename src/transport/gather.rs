@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::contour::Sums;
-use super::source::Source;
+use super::source::{Source, Surface};
 use super::{Counters, Options, Receiver, Sample, sampled};
 use crate::lights::Lights;
 use crate::visibility::{Occluders, Shaft};
@@ -35,6 +35,7 @@ pub fn gather(
             continue;
         }
         let occluded = may_be_occluded(&source, lit.iter().map(|&place| &tile[place]), occluders);
+        let surface = occluded.then(|| Surface::new(polygon));
         if occluded {
             counters.pairs_sampled += 1;
         } else {
@@ -47,9 +48,10 @@ pub fn gather(
                 continue;
             };
             let total = &mut totals[place];
-            if occluded {
+            if let Some(surface) = &surface {
                 let part = sampled::estimate(
                     &source,
+                    surface,
                     receiver,
                     &whole,
                     index as u64,

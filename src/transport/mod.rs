@@ -8,6 +8,7 @@ mod clip;
 pub mod contour;
 mod distant;
 mod gather;
+#[cfg(test)]
 mod sampled;
 mod source;
 
@@ -65,7 +66,7 @@ pub struct Sample {
     pub g: [DVec3; 3],
     /// Fluence of the upper hemisphere in lux.
     pub phi: [f64; 3],
-    /// `j[channel]`: ∂G_i/∂x_k in lux per metre at row i and column k. Zero unless `has_gradient`.
+    /// `j[channel]`: `∂G_i/∂x_k` in lux per metre at row i and column k. Zero unless `has_gradient`.
     pub j: [DMat3; 3],
     /// ∂φ/∂x in lux per metre. Zero unless `has_gradient`.
     pub grad_phi: [DVec3; 3],

@@ -12,7 +12,7 @@ use crate::math::Aabb;
 /// A receiver counts as lying in the light's plane when its distance from it is below the rounding of coordinates, this much
 /// relative to the largest of them. Larger would darken receivers that see the light; smaller would let a surface flush with a light
 /// catch light that is rounding only.
-const COPLANAR: f64 = 4.0 * f64::EPSILON;
+const COPLANAR: f64 = 8.0 * f64::EPSILON;
 
 /// A light and its measures.
 #[derive(Debug)]
@@ -23,8 +23,6 @@ pub(super) struct Source<'a> {
     centre: DVec3,
     radius: f64,
     largest_coordinate: f64,
-    /// Area of the triangles up to each, square metres.
-    cumulative_area: Vec<f64>,
 }
 
 /// What a receiver could see of a light.
@@ -41,7 +39,6 @@ impl<'a> Source<'a> {
         let vertices = || polygon.contours.iter().flatten().copied();
         let bounds = Aabb::from_points(vertices());
         let centre = bounds.centre();
-        let mut area = 0.0;
         Self {
             polygon,
             plane: Plane {
@@ -53,14 +50,6 @@ impl<'a> Source<'a> {
                 .map(|vertex| vertex.distance(centre))
                 .fold(0.0, f64::max),
             largest_coordinate: bounds.largest_coordinate(),
-            cumulative_area: polygon
-                .triangles
-                .iter()
-                .map(|[a, b, c]| {
-                    area += 0.5 * (b - a).cross(c - a).length();
-                    area
-                })
-                .collect(),
         }
     }
 
@@ -73,12 +62,12 @@ impl<'a> Source<'a> {
                 .contours
                 .iter()
                 .flatten()
-                .any(|&vertex| horizon.height(vertex) > 0.0)
+                .any(|&vertex| horizon.is_above(vertex))
     }
 
     /// Metres of `position` in front of the plane, as far as light goes that way: behind a two-sided light as well, 0 where there is none.
     pub(super) fn height(&self, position: DVec3) -> f64 {
-        let height = self.plane.height(position);
+        let height = self.plane.normal.dot(position - self.plane.point);
         let scale = self.largest_coordinate + position.distance(self.plane.point);
         let dark = height.abs() <= COPLANAR * scale || (height < 0.0 && !self.polygon.two_sided);
         if dark { 0.0 } else { height }
@@ -131,8 +120,34 @@ impl<'a> Source<'a> {
             middle: origin + starts / pieces.len() as f64,
         })
     }
+}
 
-    /// The point of the light at the place (u, v) of the unit square, world metres; equal areas of the square give equal areas of the light.
+/// The surface of a light, to spread points on.
+#[derive(Debug)]
+pub(super) struct Surface<'a> {
+    polygon: &'a Polygon,
+    /// Area of the triangles up to each, square metres.
+    cumulative_area: Vec<f64>,
+}
+
+impl<'a> Surface<'a> {
+    pub(super) fn new(polygon: &'a Polygon) -> Self {
+        let mut area = 0.0;
+        Self {
+            polygon,
+            cumulative_area: polygon
+                .triangles
+                .iter()
+                .map(|[a, b, c]| {
+                    area += 0.5 * (b - a).cross(c - a).length();
+                    area
+                })
+                .collect(),
+        }
+    }
+
+    /// The point of the light at the place (u, v) of the unit square, world metres; equal areas of the square give equal areas of the light. The
+    /// origin for a light without triangles.
     ///
     /// Source of the map from square to triangle: E. Heitz, "A low-distortion map between triangle and square", 2019.
     pub(super) fn point(&self, [u, v]: [f64; 2]) -> DVec3 {
@@ -143,7 +158,7 @@ impl<'a> Source<'a> {
             .partition_point(|&up_to| up_to <= area)
             .min(self.cumulative_area.len().saturating_sub(1));
         let Some(&[a, b, c]) = self.polygon.triangles.get(index) else {
-            return self.centre;
+            return DVec3::ZERO;
         };
         let before = if index == 0 {
             0.0
