@@ -36,11 +36,8 @@ pub fn gather(
         }
         let occluded = may_be_occluded(&source, lit.iter().map(|&place| &tile[place]), occluders);
         let surface = occluded.then(|| Surface::new(polygon));
-        if occluded {
-            counters.pairs_sampled += 1;
-        } else {
-            counters.pairs_unoccluded += 1;
-        }
+        counters.pairs_sampled += u64::from(occluded);
+        counters.pairs_unoccluded += u64::from(!occluded);
         for place in lit {
             let receiver = &tile[place];
             let gradients = options.gradients && !occluded;

@@ -8,7 +8,6 @@ mod clip;
 pub mod contour;
 mod distant;
 mod gather;
-#[cfg(test)]
 mod sampled;
 mod source;
 
