@@ -68,8 +68,8 @@ pub(crate) fn closest(triangle: [DVec2; 3], point: DVec2) -> (f64, [f64; 3]) {
             signed_area([a, point, c]) * sign,
             signed_area([a, b, point]) * sign,
         ];
-        if parts.iter().all(|&part| part >= 0.0) {
-            let sum: f64 = parts.iter().sum();
+        let sum: f64 = parts.iter().sum();
+        if sum > 0.0 && parts.iter().all(|&part| part >= 0.0) {
             return (0.0, parts.map(|part| part / sum));
         }
     }

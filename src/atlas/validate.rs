@@ -98,9 +98,6 @@ fn check_order(atlas: &Atlas) -> Result<(), String> {
     for (index, placement) in atlas.placements.iter().enumerate() {
         let page = atlas.pages[placement.page];
         let size = atlas.unwraps[placement.unwrap].size;
-        if atlas.unwraps[placement.unwrap].mesh != placement_mesh(atlas, placement) {
-            return Err(format!("placement {index} mixes meshes"));
-        }
         if placement.offset[0] + size[0] > page.width || placement.offset[1] + size[1] > page.height
         {
             return Err(format!("placement {index} leaves its page"));
@@ -110,10 +107,6 @@ fn check_order(atlas: &Atlas) -> Result<(), String> {
         }
     }
     Ok(())
-}
-
-fn placement_mesh(atlas: &Atlas, placement: &Placement) -> usize {
-    atlas.unwraps[placement.unwrap].mesh
 }
 
 /// Every triangle of every placed instance once.
