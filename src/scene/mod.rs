@@ -3,9 +3,37 @@
 //! Behind this border nobody checks again: positions are finite, indices are in range, triangles have area, front faces are wound
 //! counter-clockwise in world space even below mirrored nodes, colours are linear, emission is in nit.
 
-mod check;
+// File → document.
+mod container;
+mod uri;
+
+mod document;
+
+mod extension;
+
+// Document → scene.
 mod gltf;
+
+mod node;
+
+mod accessor;
+
+mod primitive;
+
+mod deform;
+
+mod surface;
+
 mod material;
+
+mod texture;
+
+mod image;
+
+mod light;
+
+// Scene → world.
+mod check;
 
 use std::path::Path;
 use std::path::PathBuf;
@@ -15,7 +43,9 @@ use glam::{DAffine3, DVec3, Vec2, Vec3};
 use crate::error::{Result, Warnings};
 
 pub use self::gltf::load;
-pub use self::material::{Alpha, Image, Material, Texture, Wrap};
+pub use self::image::Image;
+pub use self::material::{Alpha, Material};
+pub use self::texture::{Texture, Wrap};
 
 /// What [`load`] reads of a document that holds several scenes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
