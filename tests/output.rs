@@ -2,6 +2,8 @@
 
 mod files;
 
+pub(crate) mod document;
+
 pub(crate) mod glb;
 
 pub(crate) mod maps;
