@@ -1,6 +1,6 @@
 //! Points × lights × occluders → [`Sample`]: the light vector, the fluence and their derivatives at a point.
 //!
-//! [`gather`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
+//! [`gather()`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
 //! outline ([`contour`]; `distant` for lights small for their distance), clipped to the horizon (`clip`), exact to rounding. Elsewhere
 //! shadow rays say how much of it is seen (`sampled`).
 
