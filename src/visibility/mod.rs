@@ -6,6 +6,8 @@
 mod brute;
 mod bvh;
 mod shaft;
+mod surface;
+mod triangle;
 
 use glam::DVec3;
 
