@@ -219,15 +219,8 @@ fn probe_gives_44_columns_and_a_row_per_point() {
     let output = lumel(&["probe", &scene, "--points", &points, "--quiet"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let printed = stdout(&output);
-    let mut lines = printed.lines();
-    assert_eq!(lines.next(), Some(COLUMNS));
-    let rows: Vec<Vec<f64>> = lines
-        .map(|line| {
-            line.split(',')
-                .map(|number| number.parse().expect("a number"))
-                .collect()
-        })
-        .collect();
+    assert_eq!(printed.lines().next(), Some(COLUMNS));
+    let rows = numbers(&printed);
     assert_eq!(rows.len(), 3);
     assert!(rows.iter().all(|row| row.len() == 44));
     // The second point lies on the box, where nothing hides the light; the third one looks away from it.
@@ -261,6 +254,52 @@ fn probe_gives_44_columns_and_a_row_per_point() {
             )
         };
         assert_eq!(known(stored), known(read));
+    }
+}
+
+#[test]
+fn column_jr_xy_is_the_change_of_gr_x_along_y() {
+    const STEP: f64 = 1e-3;
+    // Below the light and beside the box, where nothing hides the light: first the point, then a step to and fro along each axis.
+    let centre = [1.5, 2.0, 1.2];
+    let mut points = vec![centre];
+    for axis in 0..3 {
+        for step in [-STEP, STEP] {
+            let mut point = centre;
+            point[axis] += step;
+            points.push(point);
+        }
+    }
+    let rows: Vec<String> = points
+        .iter()
+        .map(|[x, y, z]| format!("{x},{y},{z},0,1,0"))
+        .collect();
+    let rows = rows.join("\n");
+    let folder = temporary();
+    let file = folder.path().join("points.csv");
+    fs::write(&file, format!("x,y,z,nx,ny,nz\n{rows}\n")).expect("a written file");
+    let scene = text(&support::fixture("contact/contact.gltf"));
+    let output = lumel(&["probe", &scene, "--points", &text(&file), "--quiet"]);
+    let rows = numbers(&stdout(&output));
+
+    let column = |name: &str| {
+        COLUMNS
+            .split(',')
+            .position(|column| column == name)
+            .expect("a column")
+    };
+    for (i, component) in ["x", "y", "z"].into_iter().enumerate() {
+        for (k, along) in ["x", "y", "z"].into_iter().enumerate() {
+            let stored = rows[0][column(&format!("jr_{component}{along}"))];
+            let g = column("gr_x") + i;
+            let difference = (rows[2 + 2 * k][g] - rows[1 + 2 * k][g]) / (2.0 * STEP);
+            // The third derivative of G at a metre from the light is below 6 G/m³ = 200 lux/m³, so the difference is off by
+            // 200 h²/6 = 3e-5; entries that could be mistaken for each other differ by 16.
+            assert!(
+                (stored - difference).abs() < 1e-3,
+                "jr_{component}{along} is {stored}, the light changes by {difference}"
+            );
+        }
     }
 }
 
@@ -507,6 +546,16 @@ fn stderr(output: &Output) -> String {
 
 fn text(path: &Path) -> String {
     path.to_str().expect("a path in UTF-8").to_owned()
+}
+
+/// The rows of a result in CSV.
+fn numbers(csv: &str) -> Vec<Vec<f64>> {
+    let rows = csv.lines().skip(1).map(|line| line.split(','));
+    rows.map(|row| {
+        row.map(|number| number.parse().expect("a number"))
+            .collect()
+    })
+    .collect()
 }
 
 fn temporary() -> TempDir {
