@@ -293,8 +293,8 @@ fn column_jr_xy_is_the_change_of_gr_x_along_y() {
             let stored = rows[0][column(&format!("jr_{component}{along}"))];
             let g = column("gr_x") + i;
             let difference = (rows[2 + 2 * k][g] - rows[1 + 2 * k][g]) / (2.0 * STEP);
-            // The third derivative of G at a metre from the light is below 6 G/m³ = 200 lux/m³, so the difference is off by
-            // 200 h²/6 = 3e-5; entries that could be mistaken for each other differ by 16.
+            // G is 36 lux and falls with the square of about a metre, so its third derivative is about 24 · 36 lux/m³, and the
+            // difference is off by h²/6 of that, 1.4e-4. Entries that could be mistaken for each other differ by 16.
             assert!(
                 (stored - difference).abs() < 1e-3,
                 "jr_{component}{along} is {stored}, the light changes by {difference}"
