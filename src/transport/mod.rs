@@ -1,5 +1,11 @@
 //! Points × lights × occluders → [`Sample`]: the light vector, the fluence and their derivatives at a point.
 
+pub mod contour;
+mod exact;
+#[cfg(test)]
+mod exact_dev;
+mod outline;
+
 use glam::{DMat3, DVec3};
 
 use crate::lights::Lights;

@@ -5,12 +5,14 @@
 
 mod brute;
 mod bvh;
+mod edges;
 mod shaft;
 
 use glam::DVec3;
 
 pub use self::brute::BruteForce;
 pub use self::bvh::Occluders;
+pub use self::edges::Edges;
 pub use self::shaft::Shaft;
 
 /// The nearest surface along a ray.
