@@ -125,7 +125,7 @@ impl Counters {
 pub fn gather(
     _tile: &[Receiver],
     _lights: &Lights,
-    _occluders: &Occluders,
+    _occluders: &Occluders<'_>,
     _options: &Options,
 ) -> (Vec<Sample>, Counters) {
     unimplemented!()

@@ -7,6 +7,8 @@ mod brute;
 mod bvh;
 mod edges;
 mod shaft;
+mod surface;
+mod triangle;
 
 use glam::DVec3;
 

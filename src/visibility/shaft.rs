@@ -1,16 +1,411 @@
 //! The region between a group of receivers and a light.
+//!
+//! What can hide any part of the light from any of the receivers meets the convex hull of both. Planes that bound the hull reject
+//! whole branches of the hierarchy and most triangles (E. Haines and J. Wallace, "Shaft culling for efficient ray-traced radiosity",
+//! Eurographics Workshop on Rendering 1991); the plane of the triangle itself then rejects those that have the whole hull on one side:
+//! the floor that the receivers lie on, the walls of a convex room.
+//!
+//! Every decision errs towards keeping a triangle. A plane is placed so that all receivers and all of the light lie within it, whatever
+//! rounding did to its direction, and a hull lies within a half-space as soon as its vertices do.
 
 use glam::DVec3;
+
+use super::triangle::{Plane, Side};
+use crate::math::Aabb;
+
+/// Rounding that moves a plane outwards, relative to the largest coordinate. Four times that of a point on a surface (see
+/// `triangle::ROUNDING`): smaller could drop what the ray test hits; larger keeps triangles that only touch.
+const SLACK: f64 = 1024.0 * f64::EPSILON;
+
+/// Corners of a light up to which every edge gets a plane of its own. A rounder light is bounded by eight edges; more would cost more
+/// than they reject.
+const MAX_EDGES: usize = 12;
 
 /// Convex region that holds every segment from a receiver to a light polygon, as far as it matters: above the horizons of the
 /// receivers and in front of the light.
 #[derive(Clone, Debug)]
-pub struct Shaft;
+pub struct Shaft {
+    receivers: Vec<(DVec3, DVec3)>,
+    light: Vec<DVec3>,
+    /// Half-spaces that hold receivers and light.
+    planes: Vec<HalfSpace>,
+    bounds: Aabb,
+    positions: Aabb,
+    /// Box of the receivers' normals.
+    normals: Aabb,
+    /// Metres by which anything may be off.
+    slack: f64,
+}
+
+/// Points with `normal · x ≤ offset`.
+#[derive(Clone, Copy, Debug)]
+struct HalfSpace {
+    normal: DVec3,
+    offset: f64,
+}
+
+/// A [`Shaft`] in the frame of the hierarchy.
+pub(super) struct Cull {
+    planes: Vec<HalfSpace>,
+    bounds: Aabb,
+    positions: Aabb,
+    normals: Aabb,
+}
 
 impl Shaft {
     /// `receivers`: positions and unit normals. `light`: its vertices (any contour order) and its unit plane normal.
+    ///
+    /// The side of the light from which it is seen is the one the receivers are on; when they are on both, nothing is cut off at its
+    /// plane. Without receivers or light the shaft holds nothing.
     #[must_use]
-    pub fn new(_receivers: &[(DVec3, DVec3)], _light: &[DVec3], _light_normal: DVec3) -> Self {
-        unimplemented!()
+    pub fn new(receivers: &[(DVec3, DVec3)], light: &[DVec3], light_normal: DVec3) -> Self {
+        let positions = Aabb::from_points(receivers.iter().map(|receiver| receiver.0));
+        let bounds = positions.union(Aabb::from_points(light.iter().copied()));
+        let slack = SLACK * (bounds.largest_coordinate() + bounds.diagonal());
+        let mut shaft = Self {
+            receivers: receivers.to_vec(),
+            light: light.to_vec(),
+            planes: Vec::with_capacity(24),
+            bounds: grown(bounds, slack),
+            positions,
+            normals: Aabb::from_points(receivers.iter().map(|receiver| receiver.1)),
+            slack,
+        };
+        if receivers.is_empty() || light.is_empty() {
+            return shaft;
+        }
+        shaft.bound_by_horizon();
+        shaft.bound_by_light(light_normal);
+        shaft.bound_by_receivers();
+        shaft
     }
+
+    /// Whether some part of the light may be hidden from some receiver by `triangle`.
+    pub(super) fn may_be_hidden_by(&self, triangle: &[DVec3; 3]) -> bool {
+        let outside = |plane: &HalfSpace| {
+            triangle
+                .iter()
+                .all(|&vertex| plane.normal.dot(vertex) > plane.offset)
+        };
+        let box_of = Aabb::from_points(*triangle);
+        overlap(&box_of, &self.bounds)
+            && !self.planes.iter().any(outside)
+            && self.is_cut_by(&Plane::new(triangle))
+            && self.rises_over_a_horizon(triangle)
+    }
+
+    /// The shaft in coordinates (x − `centre`) · `scale`.
+    pub(super) fn in_frame(&self, centre: DVec3, scale: f64) -> Cull {
+        let moved = |bounds: &Aabb| Aabb {
+            min: (bounds.min - centre) * scale,
+            max: (bounds.max - centre) * scale,
+        };
+        Cull {
+            planes: self
+                .planes
+                .iter()
+                .map(|plane| HalfSpace {
+                    normal: plane.normal,
+                    offset: (plane.offset - plane.normal.dot(centre)) * scale,
+                })
+                .collect(),
+            bounds: moved(&self.bounds),
+            positions: moved(&self.positions),
+            normals: self.normals,
+        }
+    }
+
+    /// Whether receivers and light lie on both sides of `plane`.
+    fn is_cut_by(&self, plane: &Plane) -> bool {
+        let extent = self.bounds.largest_coordinate();
+        let points = self
+            .receivers
+            .iter()
+            .map(|receiver| receiver.0)
+            .chain(self.light.iter().copied());
+        let (mut front, mut back) = (false, false);
+        for point in points {
+            match plane.side_strictly(point, extent) {
+                Side::Front => front = true,
+                Side::Back => back = true,
+                Side::On => {}
+            }
+            if front && back {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Whether some vertex lies above some receiver's tangent plane.
+    fn rises_over_a_horizon(&self, triangle: &[DVec3; 3]) -> bool {
+        self.receivers.iter().any(|&(position, normal)| {
+            triangle
+                .iter()
+                .any(|&vertex| normal.dot(vertex - position) > self.slack)
+        })
+    }
+
+    /// Adds the half-space of all points with `normal · x` at most that of receivers and light, for any `normal` but zero.
+    fn bound(&mut self, normal: DVec3) {
+        let Some(normal) = normal.try_normalize() else {
+            return;
+        };
+        let farthest = self
+            .receivers
+            .iter()
+            .map(|receiver| receiver.0)
+            .chain(self.light.iter().copied())
+            .map(|point| normal.dot(point))
+            .fold(f64::NEG_INFINITY, f64::max);
+        self.planes.push(HalfSpace {
+            normal,
+            offset: farthest + self.slack,
+        });
+    }
+
+    /// Below the common horizon of flat receivers nothing matters, even if the light reaches there.
+    fn bound_by_horizon(&mut self) {
+        let normal = self.receivers[0].1;
+        if self.receivers.iter().all(|receiver| receiver.1 == normal) {
+            let lowest = self
+                .receivers
+                .iter()
+                .map(|receiver| normal.dot(receiver.0))
+                .fold(f64::INFINITY, f64::min);
+            self.planes.push(HalfSpace {
+                normal: -normal,
+                offset: self.slack - lowest,
+            });
+        }
+    }
+
+    /// The light's plane, and planes through its edges that lean on the receivers.
+    fn bound_by_light(&mut self, light_normal: DVec3) {
+        let corner = self.light[0];
+        let heights = Span::of(
+            self.receivers
+                .iter()
+                .map(|receiver| light_normal.dot(receiver.0 - corner)),
+        );
+        let normal = if heights.low > self.slack {
+            light_normal
+        } else if heights.high < -self.slack {
+            -light_normal
+        } else {
+            return;
+        };
+        self.bound(-normal);
+        for (point, outwards) in outline(&self.light, normal) {
+            // Steepest line of sight over this edge: u is the distance beyond it, w the height above the light.
+            let slope = self
+                .receivers
+                .iter()
+                .map(|receiver| {
+                    let offset = receiver.0 - point;
+                    outwards.dot(offset) / normal.dot(offset)
+                })
+                .fold(f64::NEG_INFINITY, f64::max);
+            self.bound(outwards - slope * normal);
+        }
+    }
+
+    /// Planes through edges of the receivers' box that lean on the light, each parallel to one axis.
+    fn bound_by_receivers(&mut self) {
+        let box_of = self.positions;
+        let light = if self.light.len() <= MAX_EDGES {
+            self.light.clone()
+        } else {
+            Aabb::from_points(self.light.iter().copied())
+                .corners()
+                .to_vec()
+        };
+        for axis in 0..3 {
+            let (x, y) = ((axis + 1) % 3, (axis + 2) % 3);
+            let corners = [
+                [box_of.min[x], box_of.min[y]],
+                [box_of.max[x], box_of.min[y]],
+                [box_of.max[x], box_of.max[y]],
+                [box_of.min[x], box_of.max[y]],
+            ];
+            let outline: Vec<_> = light.iter().map(|point| [point[x], point[y]]).collect();
+            for tangent in tangents(&corners, &outline) {
+                let mut normal = DVec3::ZERO;
+                normal[x] = tangent[0];
+                normal[y] = tangent[1];
+                self.bound(normal);
+            }
+        }
+    }
+}
+
+impl Cull {
+    /// The set of all planes, for the root.
+    pub(super) fn all_planes(&self) -> u32 {
+        ((1u64 << self.planes.len().min(32)) - 1) as u32
+    }
+
+    /// Whether the box from `min` to `max` may reach into the shaft, and which of `planes` still cut it.
+    pub(super) fn touches(&self, min: DVec3, max: DVec3, planes: u32) -> Option<u32> {
+        let node = Aabb { min, max };
+        if !overlap(&node, &self.bounds) || self.below_all_horizons(&node) {
+            return None;
+        }
+        let centre = 0.5 * (min + max);
+        let half = 0.5 * (max - min);
+        let mut cutting = planes;
+        for (index, plane) in self.planes.iter().enumerate().take(32) {
+            if planes & (1 << index) == 0 {
+                continue;
+            }
+            let middle = plane.normal.dot(centre) - plane.offset;
+            let reach = plane.normal.abs().dot(half);
+            if middle > reach {
+                return None;
+            }
+            if middle < -reach {
+                cutting &= !(1 << index);
+            }
+        }
+        Some(cutting)
+    }
+
+    /// Whether normal · (x − position) ≤ 0 for every x in the node and every receiver, by interval arithmetic.
+    fn below_all_horizons(&self, node: &Aabb) -> bool {
+        let low = node.min - self.positions.max;
+        let high = node.max - self.positions.min;
+        let highest = (self.normals.min * low)
+            .max(self.normals.min * high)
+            .max(self.normals.max * low)
+            .max(self.normals.max * high);
+        highest.element_sum() <= 0.0
+    }
+}
+
+/// Smallest and largest of some numbers.
+struct Span {
+    low: f64,
+    high: f64,
+}
+
+impl Span {
+    fn of(numbers: impl Iterator<Item = f64>) -> Self {
+        numbers.fold(
+            Self {
+                low: f64::INFINITY,
+                high: f64::NEG_INFINITY,
+            },
+            |span, number| Self {
+                low: span.low.min(number),
+                high: span.high.max(number),
+            },
+        )
+    }
+}
+
+fn grown(bounds: Aabb, by: f64) -> Aabb {
+    Aabb {
+        min: bounds.min - by,
+        max: bounds.max + by,
+    }
+}
+
+fn overlap(a: &Aabb, b: &Aabb) -> bool {
+    a.min.cmple(b.max).all() && b.min.cmple(a.max).all()
+}
+
+/// Edges of a convex outline of `light` in its plane: a point of each, and its outward normal within the plane.
+fn outline(light: &[DVec3], normal: DVec3) -> Vec<(DVec3, DVec3)> {
+    let (x, y) = normal.any_orthonormal_pair();
+    let flat: Vec<[f64; 2]> = light
+        .iter()
+        .map(|&vertex| [x.dot(vertex - light[0]), y.dot(vertex - light[0])])
+        .collect();
+    let hull = convex_hull(&flat);
+    let normals: Vec<[f64; 2]> = if hull.len() <= MAX_EDGES {
+        (0..hull.len())
+            .map(|index| {
+                let (a, b) = (hull[index], hull[(index + 1) % hull.len()]);
+                [flat[b][1] - flat[a][1], flat[a][0] - flat[b][0]]
+            })
+            .collect()
+    } else {
+        (0..8)
+            .map(|index| {
+                let (sin, cos) = (f64::from(index) * std::f64::consts::FRAC_PI_4).sin_cos();
+                [cos, sin]
+            })
+            .collect()
+    };
+    normals
+        .into_iter()
+        .filter_map(|[u, v]| {
+            let outwards = (u * x + v * y).try_normalize()?;
+            let support = hull
+                .iter()
+                .map(|&index| light[index])
+                .max_by(|a, b| outwards.dot(*a).total_cmp(&outwards.dot(*b)))?;
+            Some((support, outwards))
+        })
+        .collect()
+}
+
+/// Indices of the convex hull of `points`, counter-clockwise (A. M. Andrew, "Another efficient algorithm for convex hulls in two
+/// dimensions", Information Processing Letters 9(5), 1979).
+fn convex_hull(points: &[[f64; 2]]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_unstable_by(|&a, &b| {
+        points[a][0]
+            .total_cmp(&points[b][0])
+            .then(points[a][1].total_cmp(&points[b][1]))
+    });
+    let mut hull: Vec<usize> = Vec::with_capacity(points.len() + 1);
+    let extend = |hull: &mut Vec<usize>, keep: usize, index: usize| {
+        while hull.len() >= keep + 2
+            && cross(
+                points[hull[hull.len() - 2]],
+                points[hull[hull.len() - 1]],
+                points[index],
+            ) <= 0.0
+        {
+            hull.pop();
+        }
+        hull.push(index);
+    };
+    for &index in &order {
+        extend(&mut hull, 0, index);
+    }
+    let lower = hull.len() - 1;
+    for &index in order.iter().rev().skip(1) {
+        extend(&mut hull, lower, index);
+    }
+    hull.pop();
+    hull
+}
+
+/// Outward normals of the lines that touch a rectangle at one corner and a set of points, with both on one side.
+fn tangents(corners: &[[f64; 2]; 4], points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mut normals = Vec::new();
+    for &corner in corners {
+        for side in [1.0, -1.0] {
+            // The point that lies farthest round to this side, seen from the corner.
+            let mut touched = points[0];
+            for &point in points {
+                if side * cross(corner, touched, point) < 0.0 {
+                    touched = point;
+                }
+            }
+            let inside = |point: &[f64; 2]| side * cross(corner, touched, *point) >= 0.0;
+            if touched != corner && points.iter().all(inside) && corners.iter().all(inside) {
+                let along = [touched[0] - corner[0], touched[1] - corner[1]];
+                normals.push([side * along[1], -side * along[0]]);
+            }
+        }
+    }
+    normals
+}
+
+/// Twice the area of the triangle `abc`, positive when counter-clockwise.
+fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
