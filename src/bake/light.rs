@@ -20,7 +20,7 @@ use crate::visibility::{Occluders, Visibility};
 /// Everything that the light of a texel depends on.
 pub(super) struct Evaluation<'a> {
     lights: &'a Lights,
-    occluders: &'a Occluders,
+    occluders: &'a Occluders<'a>,
     options: transport::Options,
     channels: Vec<Channel>,
 }
@@ -85,7 +85,7 @@ struct TileLight {
 impl<'a> Evaluation<'a> {
     pub(super) fn new(
         lights: &'a Lights,
-        occluders: &'a Occluders,
+        occluders: &'a Occluders<'a>,
         plan: &Plan,
         options: &Options,
     ) -> Self {
@@ -209,7 +209,7 @@ impl<'a> Evaluation<'a> {
 /// The nearest surface along a line, as `texels` wants to know it.
 pub(super) fn first_obstacle(
     scene: &Scene,
-    occluders: &Occluders,
+    occluders: &Occluders<'_>,
     origin: DVec3,
     direction: DVec3,
     distance: f64,

@@ -33,11 +33,11 @@ const ROUNDING: f64 = 32.0 * f64::EPSILON;
 /// Two edges within rounding of each other must also run within this angle (radians) to be the same line; beyond it they cross.
 const PARALLEL: f64 = 1e-6;
 
-/// Edges beside which a query looks at every edge. Sorting into buckets costs about as much as 48 edges looked at 48 times.
+/// Up to so many edges are not sorted into strips: that costs about as much as looking at 48 edges 48 times.
 const FEW: usize = 48;
 
-/// Buckets along each axis. More make queries cheaper and building dearer; 64 keeps a few edges per bucket up to some 500 edges.
-const N_BUCKETS: usize = 64;
+/// Strips along each axis. More make queries cheaper and sorting dearer; with 64 a strip is narrower than most edges of a soup of 500.
+const N_STRIPS: usize = 64;
 
 /// The plane of a light in the receiver's eyes.
 #[derive(Clone, Copy, Debug)]
@@ -97,7 +97,7 @@ struct Chain {
     places: [DVec2; 2],
     /// Welded vertices at the ends; edges that share one do not cross there.
     vertices: [u32; 2],
-    /// `line · (X, Y, 1) > 0` on the left.
+    /// `line · (X, Y, 1)` is the distance from the edge's line, positive on the left.
     line: DVec3,
     /// How many coverings more the left side has than the right side; not 0.
     coefficient: i32,
@@ -213,6 +213,17 @@ fn depth_range(a: f64, b: f64) -> Option<[f64; 2]> {
     (range[0] < range[1]).then_some(range)
 }
 
+/// The point at parameter `t` of a segment; its ends stay as they are to the bit, so that neighbours go on meeting there.
+fn between([a, b]: [DVec3; 2], t: f64) -> DVec3 {
+    if t <= 0.0 {
+        a
+    } else if t >= 1.0 {
+        b
+    } else {
+        a + t * (b - a)
+    }
+}
+
 /// Narrows the parameters of a segment to where a linear function with these end values is not negative.
 fn clip_range(range: &mut [f64; 2], at_start: f64, at_end: f64) {
     if at_start < 0.0 && at_end < 0.0 {
@@ -277,38 +288,25 @@ impl Chain {
         vertices: [u32; 2],
         coefficient: i32,
     ) -> Option<Self> {
-        let along = |t: f64, [a, b]: [DVec3; 2]| {
-            // The ends themselves stay as they are to the bit.
-            if t <= 0.0 {
-                a
-            } else if t >= 1.0 {
-                b
-            } else {
-                a + t * (b - a)
-            }
-        };
-        let cut_ends = range.map(|t| along(t, ends));
-        let cut_images = range.map(|t| along(t, images));
+        let cut_ends = range.map(|t| between(ends, t));
+        let cut_images = range.map(|t| between(images, t));
         let places = cut_images.map(|image| image.truncate() / image.z);
         // Not a × b, which would lose the digits that the ends of a short edge have in common.
         let line = images[0].cross(images[1] - images[0]);
-        (places[0] != places[1] && line != DVec3::ZERO).then_some(Self {
+        let length = line.truncate().length();
+        (places[0] != places[1] && length > 0.0).then(|| Self {
             ends: cut_ends,
             images: cut_images,
             places,
             vertices,
-            line,
+            line: line / length,
             coefficient,
         })
     }
 
-    /// Positive on the left.
+    /// Distance from the edge's line, positive on the left.
     fn side(&self, place: DVec2) -> f64 {
         self.line.x * place.x + self.line.y * place.y + self.line.z
-    }
-
-    fn distance(&self, place: DVec2) -> f64 {
-        self.side(place).abs() / self.line.truncate().length()
     }
 }
 
@@ -318,8 +316,8 @@ struct View {
     inside: Vec<Inside>,
     /// The light's border in the plane.
     border: Vec<[DVec2; 2]>,
-    /// Chain edges by row and by column of the light's bounding rectangle.
-    buckets: [Buckets; 2],
+    /// For lines cast upwards and to the right.
+    casts: [Cast; 2],
     /// Distance below which two places are the same within rounding.
     rounding: f64,
 }
@@ -350,22 +348,30 @@ impl View {
             .enumerate()
             .filter_map(|(index, edge)| clip_to_rectangle(index, edge, low, high))
             .collect();
-        let buckets = [1, 0].map(|axis| Buckets::new(&chain, axis, low[axis], high[axis]));
+        let casts = [1, 0].map(|along| Cast::new(&chain, along, low, high));
         Self {
             chain,
             inside,
             border,
-            buckets,
+            casts,
             rounding,
         }
     }
 
-    /// Pieces of occluder edges: inside the light, with nothing covering the right-hand side.
+    /// Pieces of occluder edges: inside the light, with nothing covering one side.
     fn occluder_pieces(&self, pieces: &mut Vec<Piece>) {
         let mut breaks = self.breaks_by_crossings();
-        for (inside, breaks) in self.inside.iter().zip(&mut breaks) {
-            self.breaks_by_border(inside, breaks);
-            for_each_interval(breaks, |start, end| {
+        breaks.sort_unstable_by_key(|(index, _)| *index);
+        let mut own = Vec::new();
+        let mut rest = &breaks[..];
+        for (index, inside) in self.inside.iter().enumerate() {
+            let (mine, others) = rest.split_at(rest.partition_point(|b| b.0 as usize <= index));
+            rest = others;
+            own.clear();
+            own.extend([0.0, 1.0]);
+            own.extend(mine.iter().map(|(_, t)| *t));
+            self.breaks_by_border(inside, &mut own);
+            for_each_interval(&mut own, |start, end| {
                 let [p, q] = inside.places;
                 let middle = p + 0.5 * (start + end) * (q - p);
                 if let Some(visible_left) = self.visible_side(inside.chain, middle) {
@@ -394,9 +400,14 @@ impl View {
             breaks.clear();
             breaks.extend([0.0, 1.0]);
             for inside in &self.inside {
-                let edge = &self.chain[inside.chain];
-                crossings(p, q, &inside.places, |place| edge.side(place), &mut breaks);
-                self.overlaps(p, q, &inside.places, &mut breaks);
+                let at_border = [p, q].map(|place| self.chain[inside.chain].side(place));
+                if self.is_near(at_border) {
+                    overlap([p, q], inside.places, |t| breaks.push(t));
+                } else if differ(at_border)
+                    && differ(inside.places.map(|place| (q - p).perp_dot(place - p)))
+                {
+                    breaks.push(zero_of(at_border));
+                }
             }
             for_each_interval(&mut breaks, |start, end| {
                 let middle = p + 0.5 * (start + end) * (q - p);
@@ -413,9 +424,9 @@ impl View {
         }
     }
 
-    /// Parameters at which each inside edge meets the others; pairs are found by sweeping along x.
-    fn breaks_by_crossings(&self) -> Vec<Vec<f64>> {
-        let mut breaks = vec![vec![0.0, 1.0]; self.inside.len()];
+    /// Inside edges and parameters at which they meet others; pairs are found by sweeping along x.
+    fn breaks_by_crossings(&self) -> Vec<(u32, f64)> {
+        let mut breaks = Vec::new();
         let bounds: Vec<[DVec2; 2]> = self
             .inside
             .iter()
@@ -442,68 +453,45 @@ impl View {
     }
 
     /// Adds the crossing of two inside edges to both.
-    fn cross(&self, a: usize, b: usize, breaks: &mut [Vec<f64>]) {
+    fn cross(&self, a: usize, b: usize, breaks: &mut Vec<(u32, f64)>) {
         let (first, second) = (&self.inside[a], &self.inside[b]);
         let (edge, other) = (&self.chain[first.chain], &self.chain[second.chain]);
-        let [p, q] = first.places;
-        let [r, s] = second.places;
-        self.overlaps(p, q, &second.places, &mut breaks[a]);
-        self.overlaps(r, s, &first.places, &mut breaks[b]);
-        // Edges that share a vertex do not cross anywhere else.
-        if edge
-            .vertices
-            .iter()
-            .any(|vertex| *vertex != u32::MAX && other.vertices.contains(vertex))
-        {
+        let at_first = first.places.map(|place| other.side(place));
+        let at_second = second.places.map(|place| edge.side(place));
+        if self.is_near(at_first) || self.is_near(at_second) {
+            overlap(first.places, second.places, |t| breaks.push((a as u32, t)));
+            overlap(second.places, first.places, |t| breaks.push((b as u32, t)));
             return;
         }
-        crossings(
-            p,
-            q,
-            &second.places,
-            |place| other.side(place),
-            &mut breaks[a],
-        );
-        crossings(
-            r,
-            s,
-            &first.places,
-            |place| edge.side(place),
-            &mut breaks[b],
-        );
+        // Edges that share a vertex do not cross anywhere else.
+        let shared = |vertex: &u32| *vertex != u32::MAX && other.vertices.contains(vertex);
+        if differ(at_first) && differ(at_second) && !edge.vertices.iter().any(shared) {
+            breaks.push((a as u32, zero_of(at_first)));
+            breaks.push((b as u32, zero_of(at_second)));
+        }
     }
 
-    /// Adds the ends of an edge that runs along p → q within rounding.
-    fn overlaps(&self, p: DVec2, q: DVec2, other: &[DVec2; 2], breaks: &mut Vec<f64>) {
-        let along = q - p;
-        let length = along.length();
-        let far = other
+    /// Whether a segment whose ends have these distances from a line runs along it within rounding.
+    fn is_near(&self, distances: [f64; 2]) -> bool {
+        distances
             .iter()
-            .map(|place| along.perp_dot(*place - p).abs())
-            .fold(0.0, f64::max);
-        if far <= 4.0 * self.rounding * length {
-            breaks.extend(
-                other
-                    .iter()
-                    .map(|place| along.dot(*place - p) / (length * length))
-                    .filter(|t| 0.0 < *t && *t < 1.0),
-            );
-        }
+            .all(|distance| distance.abs() <= 4.0 * self.rounding)
     }
 
     /// Adds the places where an inside edge meets the light's border.
     fn breaks_by_border(&self, inside: &Inside, breaks: &mut Vec<f64>) {
-        let [p, q] = inside.places;
         let edge = &self.chain[inside.chain];
-        for side in &self.border {
-            // The border's own line decides on which side p and q lie, the edge's line whether the border reaches it.
-            let along = side[1] - side[0];
-            let (at_p, at_q) = (along.perp_dot(p - side[0]), along.perp_dot(q - side[0]));
-            let reaches = (edge.side(side[0]) >= 0.0) != (edge.side(side[1]) >= 0.0);
-            if reaches && (at_p >= 0.0) != (at_q >= 0.0) {
-                breaks.push(at_p / (at_p - at_q));
+        for &side in &self.border {
+            let at_border = side.map(|place| edge.side(place));
+            if self.is_near(at_border) {
+                overlap(inside.places, side, |t| breaks.push(t));
+                continue;
             }
-            self.overlaps(p, q, side, breaks);
+            let along = side[1] - side[0];
+            let at_edge = inside.places.map(|place| along.perp_dot(place - side[0]));
+            if differ(at_border) && differ(at_edge) {
+                breaks.push(zero_of(at_edge));
+            }
         }
     }
 
@@ -549,72 +537,46 @@ impl View {
     /// rounding are told apart from those that the cast line crosses, so that it does not matter on which side rounding puts them; `own`
     /// is one that does so by definition.
     fn winding(&self, place: DVec2, direction: DVec2, own: Option<usize>) -> Winding {
-        let horizontal = direction.y.abs() >= direction.x.abs();
-        let (buckets, axis) = if horizontal {
-            (&self.buckets[0], 1)
-        } else {
-            (&self.buckets[1], 0)
-        };
+        let to_the_right = direction.y.abs() >= direction.x.abs();
         // Whether the right of `direction` is the side from which the cast line starts away from `place`.
-        let right_is_ahead = if horizontal {
-            direction.y > 0.0
+        let (cast, right_is_ahead) = if to_the_right {
+            (&self.casts[0], direction.y > 0.0)
         } else {
-            direction.x <= 0.0
+            (&self.casts[1], direction.x <= 0.0)
         };
         let mut winding = Winding {
             right: 0,
             across: 0,
             first: None,
         };
-        for &index in buckets.at(place[axis]) {
-            let edge = &self.chain[index as usize];
-            let [a, b] = edge.places;
-            if (a[axis] <= place[axis]) == (b[axis] <= place[axis]) {
+        for crosser in cast.near(place) {
+            let side = crosser.side(place);
+            if side > 4.0 * self.rounding && own != Some(crosser.index as usize) {
+                winding.right += crosser.coefficient;
                 continue;
             }
-            if a[1 - axis].max(b[1 - axis]) < place[1 - axis] - 4.0 * self.rounding {
-                continue;
-            }
-            let forward = b[axis] > a[axis];
-            // Crossing an edge from its right to its left adds its coefficient. The cast line, followed backwards from infinity, does so
-            // for upward edges (cast to the right) and for leftward ones (cast upwards).
-            let step = if forward == horizontal {
-                edge.coefficient
-            } else {
-                -edge.coefficient
-            };
-            if own == Some(index as usize) || self.runs_along(edge, place, direction) {
-                // Signed for the direction asked about: coverings more on the left than on the right.
-                let same_way = edge.places[1] - edge.places[0];
-                winding.across += if same_way.dot(direction) > 0.0 {
-                    edge.coefficient
+            let index = crosser.index as usize;
+            if own == Some(index) || self.runs_along(crosser, side, direction) {
+                winding.across += if crosser.direction().dot(direction) > 0.0 {
+                    crosser.coefficient
                 } else {
-                    -edge.coefficient
+                    -crosser.coefficient
                 };
-                winding.first = Some(
-                    winding
-                        .first
-                        .map_or(index as usize, |first| first.min(index as usize)),
-                );
+                winding.first = Some(winding.first.map_or(index, |first| first.min(index)));
                 if !right_is_ahead {
-                    winding.right += step;
+                    winding.right += crosser.coefficient;
                 }
-                continue;
-            }
-            // The edge lies ahead when the place is on its left going up (cast right), on its right going right (cast up).
-            let on_left = edge.side(place) > 0.0;
-            if on_left == (forward == horizontal) {
-                winding.right += step;
+            } else if side > 0.0 {
+                winding.right += crosser.coefficient;
             }
         }
         winding
     }
 
-    fn runs_along(&self, edge: &Chain, place: DVec2, direction: DVec2) -> bool {
-        let own = edge.line.truncate();
-        // `own` is perpendicular to the edge.
-        own.dot(direction).abs() <= PARALLEL * own.length() * direction.length()
-            && edge.distance(place) <= 4.0 * self.rounding
+    /// Whether an edge at the distance `side` from a place runs along `direction` there.
+    fn runs_along(&self, crosser: &Crosser, side: f64, direction: DVec2) -> bool {
+        side.abs() <= 4.0 * self.rounding
+            && crosser.direction().perp_dot(direction).abs() <= PARALLEL * direction.length()
     }
 }
 
@@ -645,22 +607,25 @@ fn for_each_interval(breaks: &mut [f64], mut visit: impl FnMut(f64, f64)) {
     }
 }
 
-/// Adds the parameter at which p → q crosses the edge between `other`, whose line is `side`.
-fn crossings(
-    p: DVec2,
-    q: DVec2,
-    other: &[DVec2; 2],
-    side: impl Fn(DVec2) -> f64,
-    breaks: &mut Vec<f64>,
-) {
-    let (at_p, at_q) = (side(p), side(q));
-    if (at_p >= 0.0) == (at_q >= 0.0) {
-        return;
-    }
+/// Whether places with these distances lie on different sides of a line. Places on the line count as left of it, so that of two edges
+/// that meet on it just one crosses.
+fn differ([a, b]: [f64; 2]) -> bool {
+    (a >= 0.0) != (b >= 0.0)
+}
+
+/// The parameter at which a linear function with these end values is zero.
+fn zero_of([a, b]: [f64; 2]) -> f64 {
+    a / (a - b)
+}
+
+/// Reports the ends of a segment that runs along p → q, as parameters of p → q.
+fn overlap([p, q]: [DVec2; 2], other: [DVec2; 2], mut add: impl FnMut(f64)) {
     let along = q - p;
-    let reaches = (along.perp_dot(other[0] - p) >= 0.0) != (along.perp_dot(other[1] - p) >= 0.0);
-    if reaches {
-        breaks.push(at_p / (at_p - at_q));
+    for place in other {
+        let t = along.dot(place - p) / along.length_squared();
+        if 0.0 < t && t < 1.0 {
+            add(t);
+        }
     }
 }
 
@@ -683,63 +648,97 @@ fn clip_to_rectangle(index: usize, edge: &Chain, low: DVec2, high: DVec2) -> Opt
     if range[0] >= range[1] {
         return None;
     }
-    let at = |t: f64, [from, to]: [DVec3; 2]| from + t * (to - from);
-    let images = range.map(|t| at(t, edge.images));
+    let images = range.map(|t| between(edge.images, t));
     let places = images.map(|image| image.truncate() / image.z);
     (places[0] != places[1]).then(|| Inside {
         chain: index,
-        ends: range.map(|t| at(t, edge.ends)),
+        ends: range.map(|t| between(edge.ends, t)),
         depths: images.map(|image| image.z),
         places,
     })
 }
 
-/// Chain edges sorted by the strips they cross.
-struct Buckets {
+/// A chain edge that cast lines may cross, turned so that places on its left have it ahead.
+#[derive(Clone, Copy, Debug)]
+struct Crosser {
+    /// It spans these coordinates across the cast line, the first included, the second not.
+    low: f64,
+    high: f64,
+    /// Largest coordinate along the cast line.
+    reach: f64,
+    /// As in [`Chain`].
+    line: DVec3,
+    /// As in [`Chain`].
+    coefficient: i32,
+    /// Index in the chain.
+    index: u32,
+}
+
+impl Crosser {
+    fn side(&self, place: DVec2) -> f64 {
+        self.line.x * place.x + self.line.y * place.y + self.line.z
+    }
+
+    fn direction(&self) -> DVec2 {
+        DVec2::new(self.line.y, -self.line.x)
+    }
+}
+
+/// Chain edges sorted by the strips that they cross, for lines cast in one direction.
+struct Cast {
+    /// Axis across the cast lines: 1 for lines to the right, 0 for lines upwards.
+    across: usize,
     low: f64,
     per_unit: f64,
-    /// `items[starts[k]..starts[k + 1]]` are the edges of strip k.
+    crossers: Vec<Crosser>,
+    /// `items[starts[k]..starts[k + 1]]` are the crossers of strip k.
     starts: Vec<u32>,
     items: Vec<u32>,
 }
 
-impl Buckets {
-    fn new(chain: &[Chain], axis: usize, low: f64, high: f64) -> Self {
-        let n_buckets = if chain.len() <= FEW { 1 } else { N_BUCKETS };
-        let mut buckets = Self {
-            low,
-            per_unit: n_buckets as f64 / (high - low),
-            starts: vec![0; n_buckets + 1],
+impl Cast {
+    /// `low` and `high`: corners of the rectangle in which cast lines start.
+    fn new(chain: &[Chain], across: usize, low: DVec2, high: DVec2) -> Self {
+        let n_strips = if chain.len() <= FEW { 1 } else { N_STRIPS };
+        let mut cast = Self {
+            across,
+            low: low[across],
+            per_unit: n_strips as f64 / (high[across] - low[across]),
+            crossers: Vec::with_capacity(chain.len()),
+            starts: vec![0; n_strips + 1],
             items: Vec::new(),
         };
-        let ranges: Vec<Option<[usize; 2]>> = chain
-            .iter()
-            .map(|edge| {
-                let [a, b] = edge.places.map(|place| place[axis]);
-                (a.max(b) >= low && a.min(b) <= high)
-                    .then(|| [buckets.strip(a.min(b)), buckets.strip(a.max(b))])
-            })
-            .collect();
-        for &[first, last] in ranges.iter().flatten() {
-            for strip in first..=last {
-                buckets.starts[strip + 1] += 1;
+        for (index, edge) in chain.iter().enumerate() {
+            let crosser = crosser(index, edge, across);
+            if crosser.low < crosser.high
+                && crosser.high >= low[across]
+                && crosser.low <= high[across]
+                && crosser.reach >= low[1 - across]
+            {
+                for strip in cast.strips(&crosser) {
+                    cast.starts[strip] += 1;
+                }
+                cast.crossers.push(crosser);
             }
         }
-        for strip in 0..n_buckets {
-            buckets.starts[strip + 1] += buckets.starts[strip];
+        // Counts become ends; filling from behind turns ends into starts.
+        let mut end = 0;
+        for start in &mut cast.starts {
+            end += *start;
+            *start = end;
         }
-        let mut next = buckets.starts.clone();
-        buckets.items = vec![0; buckets.starts[n_buckets] as usize];
-        for (index, range) in ranges.iter().enumerate() {
-            let Some([first, last]) = *range else {
-                continue;
-            };
-            for strip in first..=last {
-                buckets.items[next[strip] as usize] = index as u32;
-                next[strip] += 1;
+        cast.items = vec![0; end as usize];
+        for index in (0..cast.crossers.len()).rev() {
+            for strip in cast.strips(&cast.crossers[index]) {
+                cast.starts[strip] -= 1;
+                cast.items[cast.starts[strip] as usize] = index as u32;
             }
         }
-        buckets
+        cast
+    }
+
+    fn strips(&self, crosser: &Crosser) -> std::ops::RangeInclusive<usize> {
+        self.strip(crosser.low)..=self.strip(crosser.high)
     }
 
     fn strip(&self, coordinate: f64) -> usize {
@@ -747,8 +746,33 @@ impl Buckets {
         (((coordinate - self.low) * self.per_unit) as usize).min(self.starts.len() - 2)
     }
 
-    fn at(&self, coordinate: f64) -> &[u32] {
-        let strip = self.strip(coordinate);
-        &self.items[self.starts[strip] as usize..self.starts[strip + 1] as usize]
+    /// Edges that a line cast from `place` may cross, or that run through it.
+    fn near(&self, place: DVec2) -> impl Iterator<Item = &Crosser> {
+        let (across, along) = (place[self.across], place[1 - self.across]);
+        let strip = self.strip(across);
+        self.items[self.starts[strip] as usize..self.starts[strip + 1] as usize]
+            .iter()
+            .map(|item| &self.crossers[*item as usize])
+            .filter(move |crosser| {
+                crosser.low <= across && across < crosser.high && along <= crosser.reach
+            })
+    }
+}
+
+/// The edge turned upwards for lines cast to the right, leftwards for lines cast upwards.
+fn crosser(index: usize, edge: &Chain, across: usize) -> Crosser {
+    let [a, b] = edge.places;
+    let sign = if (b[across] > a[across]) == (across == 1) {
+        1
+    } else {
+        -1
+    };
+    Crosser {
+        low: a[across].min(b[across]),
+        high: a[across].max(b[across]),
+        reach: a[1 - across].max(b[1 - across]),
+        line: f64::from(sign) * edge.line,
+        coefficient: sign * edge.coefficient,
+        index: index as u32,
     }
 }

@@ -358,3 +358,149 @@ fn dev() {
         js.last()
     );
 }
+
+#[allow(clippy::all)]
+fn bench(name: &str, tris: &[[DVec3; 3]], half_floor: f64, res: usize, max_tiles: usize) {
+    use crate::visibility::{Occluders, Shaft};
+    if std::env::var("ONLY").is_ok_and(|v| v != name) {
+        return;
+    }
+    let scene = soup(tris);
+    let edges = Edges::build(&scene);
+    let occ = Occluders::build(&scene);
+    let light: Vec<DVec3> = vec![
+        DVec3::new(-1.0, 5.0, -1.0),
+        DVec3::new(1.0, 5.0, -1.0),
+        DVec3::new(1.0, 5.0, 1.0),
+        DVec3::new(-1.0, 5.0, 1.0),
+    ];
+    let away = DVec3::Y;
+    let n = DVec3::Y;
+    let step = 2.0 * half_floor / res as f64;
+    let (mut t_shaft, mut t_outline, mut t_eval) = (0.0, 0.0, 0.0);
+    let (mut tiles, mut pts, mut cand, mut kept, mut pcs) = (0, 0, 0, 0, 0);
+    let mut sum = 0.0;
+    for ty in (0..res / 8).step_by(1) {
+        for tx in 0..res / 8 {
+            if (ty * 131 + tx * 17) % 7 != 0 {
+                continue;
+            }
+            if tiles >= max_tiles {
+                continue;
+            }
+            let rc: Vec<(DVec3, DVec3)> = (0..64)
+                .map(|i| {
+                    (
+                        DVec3::new(
+                            -half_floor + step * ((tx * 8 + i % 8) as f64 + 0.5),
+                            0.0,
+                            -half_floor + step * ((ty * 8 + i / 8) as f64 + 0.5),
+                        ),
+                        n,
+                    )
+                })
+                .collect();
+            let t = std::time::Instant::now();
+            let shaft = Shaft::new(&rc, &light, -away);
+            let ids = occ.in_shaft(&shaft, &|_| false);
+            t_shaft += t.elapsed().as_secs_f64();
+            if ids.is_empty() {
+                continue;
+            }
+            tiles += 1;
+            cand += ids.len();
+            let t = std::time::Instant::now();
+            let bx = Aabb::from_points(rc.iter().map(|r| r.0));
+            let outline = Outline::new(&edges, &bx, &ids, (light[0], away));
+            t_outline += t.elapsed().as_secs_f64();
+            kept += outline.n_edges();
+            let t = std::time::Instant::now();
+            let mut pieces = vec![];
+            for (x, n) in &rc {
+                let l: Vec<DVec3> = light.iter().rev().map(|v| *v - *x).collect();
+                let b: Vec<Piece> = (0..4)
+                    .map(|i| Piece {
+                        a: l[i],
+                        b: l[(i + 1) % 4],
+                        horizon: false,
+                    })
+                    .collect();
+                pieces.clear();
+                visible_contour(*x, &b, away, &outline, &mut pieces);
+                let s = contour::sum(&pieces, *n, true);
+                sum += s.phi;
+                pcs += pieces.len();
+                pts += 1;
+            }
+            t_eval += t.elapsed().as_secs_f64();
+        }
+    }
+    println!(
+        "{name}: tiles {tiles} cand/tile {:.0} kept/tile {:.0} pieces/pt {:.1} | per point us: shaft {:.2} outline {:.2} eval {:.2} sum {sum}",
+        cand as f64 / tiles as f64,
+        kept as f64 / tiles as f64,
+        pcs as f64 / pts as f64,
+        t_shaft * 1e6 / pts as f64,
+        t_outline * 1e6 / pts as f64,
+        t_eval * 1e6 / pts as f64
+    );
+}
+
+#[test]
+fn bench_dev() {
+    let mut r = R(5, 0);
+    let mut tris = vec![];
+    for _ in 0..3000 {
+        let c = DVec3::new(r.r(-2.5, 2.5), r.r(1.0, 4.0), r.r(-2.5, 2.5));
+        tris.push([c + r.v(0.06), c + r.v(0.06), c + r.v(0.06)]);
+    }
+    bench("leaves", &tris, 2.5, 40, 10);
+    let mut tris = vec![];
+    let (m, k) = (100, 100);
+    let p = |i: usize, j: usize| {
+        let a = std::f64::consts::PI * i as f64 / m as f64;
+        let b = std::f64::consts::TAU * (j % k) as f64 / k as f64;
+        if i == 0 {
+            DVec3::new(0.0, 1.9, 0.0)
+        } else if i == m {
+            DVec3::new(0.0, 0.7, 0.0)
+        } else {
+            DVec3::new(
+                0.6 * a.sin() * b.cos(),
+                1.3 + 0.6 * a.cos(),
+                0.6 * a.sin() * b.sin(),
+            )
+        }
+    };
+    for i in 0..m {
+        for j in 0..k {
+            let (a, b, c, d) = (p(i, j), p(i + 1, j), p(i + 1, j + 1), p(i, j + 1));
+            tris.push([a, c, b]);
+            tris.push([a, d, c]);
+        }
+    }
+    bench("sphere20k", &tris, 5.0, 200, 1000);
+    let c = |o: DVec3, s: f64| {
+        let mut t = vec![];
+        let v: Vec<DVec3> = (0..8)
+            .map(|i| {
+                o + (DVec3::new((i & 1) as f64, ((i >> 1) & 1) as f64, ((i >> 2) & 1) as f64) * 2.0
+                    - DVec3::ONE)
+                    * s
+            })
+            .collect();
+        for f in [
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+        ] {
+            t.push([v[f[0]], v[f[1]], v[f[2]]]);
+            t.push([v[f[0]], v[f[2]], v[f[3]]]);
+        }
+        t
+    };
+    bench("box", &c(DVec3::new(0.2, 1.5, 0.3), 0.4), 5.0, 200, 1000);
+}
