@@ -1,1 +1,9 @@
-//! stub
+//! Files: what is written is what is read, and nothing appears before all of it is there.
+
+mod files;
+
+pub(crate) mod document;
+
+pub(crate) mod glb;
+
+pub(crate) mod maps;

@@ -2,6 +2,25 @@
 //!
 //! Emissive triangles that lie in one plane, touch along edges and emit equally become one polygon, so that a light of a thousand
 //! triangles costs as much as its outline.
+//!
+//! Textured emission is cut into pieces that are uniform enough first. A piece is halved across its longest edge as long as
+//!
+//! ```text
+//! deviation · √(area / area of the emitter)  >  texture_tolerance · brightest channel of the emitter's mean
+//! ```
+//!
+//! where the deviation is the root mean square over the piece (of the worst channel) and the emitter is everything of one material in
+//! one instance; the piece farthest above goes first. The root of the area stands for how much of a detail is left from a distance of
+//! about the emitter's size: a sharp edge between black and white is followed down to the tolerance times that size, and no further. A
+//! piece shines with its mean, so the flux is kept. Neighbouring pieces of the same radiance become one polygon again, and black ones
+//! are left out.
+//!
+//! A masked emitter does not shine where it is cut away: that is one more texture. A blended one shines as if it were opaque.
+
+mod contour;
+mod emission;
+mod merge;
+mod split;
 
 use glam::DVec3;
 
@@ -11,11 +30,12 @@ use crate::scene::Scene;
 /// How emission becomes lights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Largest accepted deviation of textured emission from its mean within one polygon, relative to the brightest channel of that
-    /// mean. Range: 1e-3..=1. Default: 0.1. Smaller gives more polygons.
+    /// Largest accepted deviation of textured emission within one polygon as large as its emitter, relative to the brightest channel
+    /// of the emitter's mean; smaller polygons may deviate more (see [`crate::lights`]). Range: 1e-3..=1. Default: 0.1. Smaller gives
+    /// more polygons.
     pub texture_tolerance: f64,
-    /// Triangles a textured emitter may be split into, in all. Range: 1..=1e6. Default: 4096. When it is reached, the rest keeps its
-    /// mean, and a warning says so.
+    /// Times a textured triangle may be halved, in all. Range: 1..=1e6. Default: 4096. When it is reached, the rest keeps its mean, and
+    /// a warning says so.
     pub max_texture_splits: usize,
 }
 
@@ -40,8 +60,8 @@ pub struct Lights {
 /// A plane polygon of uniform radiance, with holes perhaps.
 #[derive(Clone, Debug)]
 pub struct Polygon {
-    /// Closed contours in world metres: outer ones counter-clockwise seen from the front, holes clockwise. Vertices between collinear
-    /// edges are left out.
+    /// Closed contours in world metres, those around more area first: outer ones counter-clockwise seen from the front, holes clockwise.
+    /// Vertices between collinear edges are left out. A contour may touch itself or another one.
     pub contours: Vec<Vec<DVec3>>,
     /// The same surface in triangles, counter-clockwise seen from the front, for sampling by area.
     pub triangles: Vec<[DVec3; 3]>,
@@ -58,7 +78,16 @@ pub struct Polygon {
 }
 
 /// Collects every emissive surface of `scene`.
+///
+/// Emissive triangles that are there twice shine once; a warning counts them. Coplanar ones that overlap otherwise shine twice, as they
+/// are modelled. Two that share a place and look away from each other are two lights.
 #[must_use]
-pub fn collect(_scene: &Scene, _options: &Options) -> Lights {
-    unimplemented!()
+pub fn collect(scene: &Scene, options: &Options) -> Lights {
+    let mut warnings = Warnings::default();
+    let emitters = emission::find(scene, &mut warnings);
+    let pieces = split::uniform_pieces(scene, &emitters, options, &mut warnings);
+    Lights {
+        polygons: merge::polygons(&pieces),
+        warnings,
+    }
 }

@@ -1,10 +1,29 @@
 //! Field → files: dilation, EXR, glTF, preview, manifest. Nothing appears under its final name before everything is written.
 
-use std::path::{Path, PathBuf};
+mod names;
 
+mod dilate;
+
+mod exr;
+
+mod preview;
+
+mod gltf;
+
+mod manifest;
+
+mod staging;
+
+use std::path::Path;
+
+use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
+
+use self::exr::Precision;
+use self::preview::Histogram;
+use self::staging::Staging;
 use crate::atlas::Atlas;
-use crate::error::Result;
-use crate::refine::Field;
+use crate::error::{Error, Result, Warnings};
+use crate::refine::{Field, Plane};
 use crate::scene::Scene;
 
 /// How files are written.
@@ -13,11 +32,12 @@ pub struct Options {
     /// Stores 32-bit floats instead of halves everywhere. Default: false; a map whose values do not fit into halves within the
     /// tolerance is stored in floats all the same, and the manifest says so.
     pub float: bool,
-    /// Accepted error relative to the page's maximum, which decides between half and float. Range: 1e-6..=1. Default: 0.004.
+    /// Accepted error relative to the largest magnitude of the map, which decides between half and float: a map is stored in halves
+    /// when none of its values is rounded by more. Range: 1e-6..=1. Default: 0.004.
     pub tolerance: f64,
     /// How many texels the borders of charts are continued outwards. Default: 4, the padding between charts.
     pub dilation: u32,
-    /// Whether to write the tone-mapped preview.
+    /// Whether to write the tone-mapped preview of pages that have the plane `E`.
     pub preview: bool,
     /// Whether to write the glTF file.
     pub glb: bool,
@@ -55,60 +75,176 @@ pub struct MapFile {
     pub file: String,
     /// `half`, `float` or `srgb8`.
     pub precision: &'static str,
-    /// Smallest stored value over all components (dilated texels included).
+    /// Smallest stored value of a covered texel, over all components. Dilated texels repeat covered ones; empty texels, which are
+    /// 0, do not count. 0 when no texel is covered, and for the preview.
     pub min: f32,
-    /// Largest stored value.
+    /// Largest stored value of a covered texel. 0 when no texel is covered; 1 for the preview.
     pub max: f32,
 }
 
 /// A bake on its way to the disk.
 ///
-/// Files go to a temporary folder beside the target; [`Writer::commit`] renames them into place. Dropping the writer removes the
-/// temporary folder and leaves the previous bake as it was.
+/// Files go to a temporary folder: inside the target when that exists, else in the nearest folder above that does, which is on the
+/// same file system in both cases. [`Writer::commit`] renames them into place. Dropping the writer removes the temporary folder and
+/// leaves the previous bake as it was.
 #[derive(Debug)]
 pub struct Writer {
-    _stub: PathBuf,
+    staging: Staging,
+    options: Options,
+    /// Luminances of all pages so far; they set the exposure of the previews.
+    histogram: Histogram,
+    /// Map of E and preview of each page so far.
+    previews: Vec<[String; 2]>,
 }
 
 impl Writer {
     /// Opens a bake of the scene called `name` into `directory`, which need not exist; nothing is created under that name yet.
     ///
-    /// # Errors
-    /// `Io` when the parent folder cannot be written, or when `directory` is a file.
-    pub fn create(_directory: &Path, _name: &str, _options: &Options) -> Result<Self> {
-        unimplemented!()
-    }
-
-    /// Writes all planes of page `index`, dilated.
+    /// Characters of `name` that some file system forbids are replaced by `_` in file names.
     ///
     /// # Errors
-    /// `Io`.
-    pub fn page(&mut self, _index: usize, _field: &Field) -> Result<PageFiles> {
-        unimplemented!()
+    /// `Io` when the temporary folder cannot be made, or when `directory` or something above it is a file.
+    pub fn create(directory: &Path, name: &str, options: &Options) -> Result<Self> {
+        Ok(Self {
+            staging: Staging::open(directory, names::safe(name))?,
+            options: options.clone(),
+            histogram: Histogram::new(),
+            previews: Vec::new(),
+        })
     }
 
-    /// Writes `<name>.glb`: the document of `scene` with `TEXCOORD_1`, the extension and its mirror in extras.
+    /// Writes all planes of page `index`, dilated, on the threads of the current pool. Its preview follows when the bake is complete.
     ///
     /// # Errors
-    /// `Io`; `InvalidFile` when the document cannot be written again.
-    pub fn glb(&mut self, _scene: &Scene, _atlas: &Atlas, _pages: &[PageFiles]) -> Result<()> {
-        unimplemented!()
+    /// `Io`, also when the page has been written before.
+    pub fn page(&mut self, index: usize, field: &Field) -> Result<PageFiles> {
+        let sources = dilate::sources(field, self.options.dilation);
+        let scene = self.staging.scene().to_owned();
+        let files: Vec<String> = field
+            .planes
+            .iter()
+            .map(|plane| self.staging.add(names::map(&scene, index, plane.name)))
+            .collect();
+        let precisions: Vec<Precision> = field
+            .planes
+            .par_iter()
+            .zip(&files)
+            .map(|(plane, file)| {
+                let precision = self.precision(plane);
+                exr::write(&self.staging.path(file), field, plane, &sources, precision)?;
+                Ok(precision)
+            })
+            .collect::<Result<_>>()?;
+        let mut maps: Vec<MapFile> = field
+            .planes
+            .iter()
+            .zip(files)
+            .zip(precisions)
+            .map(|((plane, file), precision)| map_file(plane, file, precision))
+            .collect();
+        if let Some(preview) = self.announce_preview(index, field, &scene) {
+            maps.push(preview);
+        }
+        Ok(PageFiles {
+            width: field.width,
+            height: field.height,
+            maps,
+        })
     }
 
-    /// Writes `<name>.lumel.json`.
+    /// Writes `<name>.glb`: the document of `scene` with `TEXCOORD_1`, the extension and its mirror in extras. `pages` holds what
+    /// [`Writer::page`] returned, by index of the page. Does nothing when [`Options::glb`] is off.
+    ///
+    /// Returns what could not be carried over.
     ///
     /// # Errors
-    /// `Io`.
-    pub fn manifest(&mut self, _manifest: &serde_json::Value) -> Result<()> {
-        unimplemented!()
+    /// `Io`; `InvalidFile` when the document cannot be written again; `TooLarge` when the file would exceed the 4 GiB of a `.glb`.
+    pub fn glb(&mut self, scene: &Scene, atlas: &Atlas, pages: &[PageFiles]) -> Result<Warnings> {
+        if !self.options.glb {
+            return Ok(Warnings::default());
+        }
+        let (container, warnings) = gltf::container(scene, atlas, pages)?;
+        let file = self.staging.add(names::glb(self.staging.scene()));
+        self.staging.write(&file, &container)?;
+        Ok(warnings)
     }
 
-    /// Renames everything into place and removes files of the previous bake that this one no longer has. Returns the names of the
-    /// files, sorted.
+    /// Writes `<name>.lumel.json`: the object `manifest`, with all files of the bake under the key `files`. Comes last, before
+    /// [`Writer::commit`].
+    ///
+    /// # Errors
+    /// `Io`, also when `manifest` is not an object.
+    pub fn manifest(&mut self, manifest: &serde_json::Value) -> Result<()> {
+        let file = self.staging.add(names::manifest(self.staging.scene()));
+        let path = self.staging.path(&file);
+        let invalid = |source| Error::Io {
+            path: path.clone(),
+            source,
+        };
+        let mut manifest = manifest.clone();
+        let object = manifest
+            .as_object_mut()
+            .ok_or_else(|| invalid(std::io::ErrorKind::InvalidInput.into()))?;
+        object.insert(manifest::FILES.to_owned(), self.staging.files().into());
+        let mut text =
+            serde_json::to_vec_pretty(&manifest).map_err(|error| invalid(error.into()))?;
+        text.push(b'\n');
+        self.staging.write(&file, &text)
+    }
+
+    /// Renames everything into place, the manifest last, and removes files of the previous bake that this one no longer has. Returns
+    /// the names of the files, sorted.
     ///
     /// # Errors
     /// `Io`.
     pub fn commit(self) -> Result<Vec<String>> {
-        unimplemented!()
+        let exposure = self.histogram.exposure();
+        for [map, preview] in &self.previews {
+            let (width, height, pixels) = exr::read_color(&self.staging.path(map))?;
+            let path = self.staging.path(preview);
+            preview::write(&path, [width, height], &pixels, exposure)?;
+        }
+        self.staging.commit()
+    }
+
+    /// How `plane` is stored.
+    fn precision(&self, plane: &Plane) -> Precision {
+        if self.options.float {
+            Precision::Float
+        } else {
+            Precision::sufficient_for(&plane.values, self.options.tolerance)
+        }
+    }
+
+    /// Counts the luminances of a page and names its preview, when there is to be one.
+    fn announce_preview(&mut self, index: usize, field: &Field, scene: &str) -> Option<MapFile> {
+        let is_irradiance = |plane: &&Plane| plane.name == "E" && plane.components == 3;
+        let irradiance = field.planes.iter().find(is_irradiance)?;
+        if !self.options.preview {
+            return None;
+        }
+        self.histogram.add(&irradiance.values);
+        let file = self.staging.add(names::preview(scene, index));
+        self.previews
+            .push([names::map(scene, index, irradiance.name), file.clone()]);
+        Some(MapFile {
+            plane: "preview".to_owned(),
+            file,
+            precision: "srgb8",
+            min: 0.0,
+            max: 1.0,
+        })
+    }
+}
+
+/// What the manifest says of a map.
+fn map_file(plane: &Plane, file: String, precision: Precision) -> MapFile {
+    let stored = || plane.values.iter().map(|&value| precision.stored(value));
+    MapFile {
+        plane: plane.name.to_owned(),
+        file,
+        precision: precision.name(),
+        min: stored().reduce(f32::min).unwrap_or(0.0),
+        max: stored().reduce(f32::max).unwrap_or(0.0),
     }
 }

@@ -3,9 +3,39 @@
 //! Behind this border nobody checks again: positions are finite, indices are in range, triangles have area, front faces are wound
 //! counter-clockwise in world space even below mirrored nodes, colours are linear, emission is in nit.
 
-mod check;
+// File → document.
+mod container;
+mod uri;
+
+mod document;
+
+mod extension;
+
+// Document → scene.
 mod gltf;
+
+mod node;
+
+mod instance;
+
+mod accessor;
+
+mod primitive;
+
+mod deform;
+
+mod surface;
+
 mod material;
+
+mod texture;
+
+mod image;
+
+mod light;
+
+// Scene → world.
+mod check;
 
 use std::path::Path;
 use std::path::PathBuf;
@@ -15,7 +45,9 @@ use glam::{DAffine3, DVec3, Vec2, Vec3};
 use crate::error::{Result, Warnings};
 
 pub use self::gltf::load;
-pub use self::material::{Alpha, Image, Material, Texture, Wrap};
+pub use self::image::Image;
+pub use self::material::{Alpha, Material};
+pub use self::texture::{Texture, Wrap};
 
 /// What [`load`] reads of a document that holds several scenes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -50,7 +82,9 @@ pub struct Scene {
     pub warnings: Warnings,
 }
 
-/// Geometry of one glTF mesh, or of one skinned or morphed node in its rest pose.
+/// Geometry of one glTF mesh, or of one node whose skin or morph targets are frozen in their rest pose.
+///
+/// A skinned mesh is kept in world space: its instance has the identity, or a reflection along X when its joints mirror.
 #[derive(Debug)]
 pub struct Mesh {
     /// Authored name, else `mesh<index>`.
@@ -175,7 +209,8 @@ pub enum PunctualKind {
 pub struct Source {
     /// The JSON document, keys in authored order.
     pub json: serde_json::Value,
-    /// Bytes of `buffers[i]`, resolved.
+    /// Bytes of `buffers[i]`, resolved: at least its `byteLength`, with what follows it; empty for a buffer without bytes of its own, which
+    /// nothing that was read refers to.
     pub buffers: Vec<Vec<u8>>,
     /// Folder that relative URIs refer to.
     pub folder: PathBuf,

@@ -28,6 +28,8 @@
 //! The sum over a closed contour cancels all but (light size / distance)² of terms of (light size / distance). For lights that are
 //! small for their distance [`super::distant`] evaluates the same sums without that loss.
 
+use std::f64::consts::PI;
+
 use glam::{DMat3, DVec3};
 
 /// A straight part of a visible contour.
@@ -51,7 +53,7 @@ pub struct Sums {
     pub g: DVec3,
     /// Solid angle in steradians, at most 2π.
     pub phi: f64,
-    /// ∂g_i/∂x_k at row i and column k, per metre. Zero unless `has_gradient`.
+    /// `∂g_i/∂x_k` at row i and column k, per metre. Zero unless `has_gradient`.
     pub j: DMat3,
     /// ∂φ/∂x per metre. Zero unless `has_gradient`.
     pub grad_phi: DVec3,
@@ -117,15 +119,15 @@ pub fn sum(pieces: &[Piece], normal: DVec3, gradients: bool) -> Sums {
         if edge.s == 0.0 {
             continue;
         }
-        sums.g += edge.w * (edge.beta / (2.0 * edge.s));
         sums.phi += edge.solid_angle(normal);
-        sums.rounding += edge.beta;
+        sums.g += edge.w * (edge.beta / (2.0 * edge.s));
+        sums.rounding += edge.beta * edge.uncertainty();
         if sums.has_gradient && !piece.horizon {
             sums.j += edge.jacobian();
             sums.grad_phi += edge.solid_angle_gradient();
         }
     }
-    sums.rounding *= TERM_ROUNDING;
+    sums.rounding = (TERM_ROUNDING * sums.rounding).min(PI);
     if sums.has_gradient {
         sums
     } else {
@@ -180,6 +182,13 @@ impl Edge {
         }
     }
 
+    /// Error of the G term in roundings of its angle. An end that was cut from a longer edge is known to the rounding of the far one, so
+    /// its direction is as much less certain as it is nearer; and so is the plane of a long piece that passes near the receiver.
+    fn uncertainty(&self) -> f64 {
+        let ends = self.length_a.max(self.length_b) / self.length_a.min(self.length_b);
+        ends + self.length_a * self.length / self.s
+    }
+
     /// Signed solid angle of the triangle (apex, a, b), none of which is opposite to another.
     fn solid_angle(&self, apex: DVec3) -> f64 {
         let (la, lb) = (self.length_a, self.length_b);
@@ -215,7 +224,7 @@ impl Edge {
     }
 }
 
-/// The matrix with v_i n_k at row i and column k.
+/// The matrix with `v_i n_k` at row i and column k.
 pub(super) fn outer(v: DVec3, n: DVec3) -> DMat3 {
     DMat3::from_cols(v * n.x, v * n.y, v * n.z)
 }
