@@ -16,8 +16,8 @@
 //! | `o`  | point of the contour relative to the centre     |
 //! | `d2` | the square of the distance of that point, less 1 |
 //!
-//! Why not the contour's own closed form: it loses a factor of distance / size, 1e-11 of the light at a thousandth of a degree.
-//! Why not cubature over the area: the outline is shorter, and holes and clipping come for free.
+//! Why not the closed form: it loses a factor of distance / size, which at ten thousand sizes leaves 1e-11 of the light. Why not
+//! cubature over the area: the outline is shorter, and holes and clipping come for free.
 
 use glam::DVec3;
 
@@ -115,8 +115,8 @@ impl Excess {
 
 #[cfg(test)]
 mod tests {
-    use super::super::contour;
     use super::*;
+    use crate::transport::contour;
 
     #[test]
     fn agrees_with_the_closed_form_where_both_are_good() {

@@ -1,6 +1,6 @@
 //! Points × lights × occluders → [`Sample`]: the light vector, the fluence and their derivatives at a point.
 //!
-//! [`gather`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
+//! [`gather()`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
 //! outline ([`contour`]; `distant` for lights small for their distance), clipped to the horizon (`clip`), exact to rounding. Elsewhere
 //! shadow rays say how much of it is seen (`sampled`).
 
@@ -132,8 +132,9 @@ impl Counters {
 /// The light of `polygon` at `receiver` per unit radiance when nothing stands in the way: the closed form. Dark behind a one-sided light,
 /// in a light's plane, and where the light is below the horizon.
 ///
-/// Accuracy: 1e-12 of the result for lights from 1e-3 to 1e4 of their size away, also 1e5 sizes from the origin; for lights seen within
-/// 1e-3 rad of edge-on, 1e-15 of the same light seen face on (`tests/transport.rs`).
+/// Accuracy (`tests/transport`): 1e-12 of the result for lights from 1e-3 to 1e4 of their size away, also 1e5 sizes from the origin. Less
+/// where the result is a small difference: within 1e-3 rad of edge-on or 1e-5 sizes of the light's plane, and for slivers above the
+/// horizon, the error is below [`Sums::rounding`], some 1e-15 of the light that would be there face on.
 #[must_use]
 pub fn unoccluded(polygon: &Polygon, receiver: &Receiver, gradients: bool) -> Sums {
     Source::new(polygon)

@@ -144,7 +144,7 @@ fn strata(count: u32, seed: u64, light: u64) -> impl Iterator<Item = [f64; 2]> {
 /// Neighbours differ in their means as well as by chance, so it overestimates: by √3 where one straight shadow edge crosses the light. With
 /// one point it is half of the weight.
 ///
-/// Source: W. Cochran, "Sampling techniques", 3rd edition 1977, §5A.12 (collapsed strata) and §6.4 (the residual of a ratio).
+/// Source: W. Cochran, "Sampling techniques", 3rd edition 1977, on collapsed strata and on the residuals of a ratio.
 fn standard_deviation(points: &[(f64, bool)], mean: f64) -> f64 {
     if let [(weight, _)] = points {
         return 0.5 * weight;
@@ -160,10 +160,10 @@ fn standard_deviation(points: &[(f64, bool)], mean: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::clip::{self, Direction, Plane};
-    use super::super::contour;
     use super::*;
     use crate::lights::Polygon;
+    use crate::transport::clip::{self, Direction, Plane};
+    use crate::transport::contour;
     use crate::visibility::Hit;
 
     /// Hides what is on the lower side of a plane through the receiver: an occluder with one straight edge, seen edge-on.
@@ -370,6 +370,14 @@ mod tests {
                     .count() as f64;
                 let share = (bound(row + 1) - bound(row)) * f64::from(count);
                 assert!((inside - share).abs() < 1e-9, "{count}: row {row}");
+            }
+            // Neighbours in the order lie in strata that touch: the error estimate compares them.
+            let tallest = 1.0 / rows as f64 + 1.0 / f64::from(count);
+            let widest = 1.0 / (u64::from(count) / rows) as f64;
+            for pair in places.windows(2) {
+                let [from, to] = [pair[0], pair[1]];
+                assert!((from[0] - to[0]).abs() < 2.0 * widest, "{count}");
+                assert!((from[1] - to[1]).abs() < 2.0 * tallest, "{count}");
             }
             for [u, v] in places {
                 assert!((0.0..1.0).contains(&u) && (0.0..1.0).contains(&v));
