@@ -262,8 +262,11 @@ fn case(seed: u64) -> Case {
         }
         // Receiver inside a box with a missing side.
         10 => {
-            case.occluders
-                .extend(cube(case.position, 0.4, any_rotation(rng)).into_iter().skip(2));
+            case.occluders.extend(
+                cube(case.position, 0.4, any_rotation(rng))
+                    .into_iter()
+                    .skip(2),
+            );
         }
         // Occluders that touch the receiver's plane and the light's plane with a side.
         _ => {
@@ -272,7 +275,8 @@ fn case(seed: u64) -> Case {
                 let side = DVec3::new(rng.range(-1.0, 1.0), 0.0, rng.range(-1.0, 1.0));
                 let up = DVec3::new(rng.range(-0.5, 0.5), 5.0, rng.range(-0.5, 0.5));
                 case.occluders.push([foot, foot + side, foot + 0.4 * up]);
-                case.occluders.push([foot + up, foot + up + side, foot + 0.7 * up]);
+                case.occluders
+                    .push([foot + up, foot + up + side, foot + 0.7 * up]);
             }
         }
     }
@@ -346,7 +350,11 @@ fn exact_contours_equal_the_light_minus_the_cones_of_its_occluders() {
         let error_g = (got.g[0] - g).length() / open_g.length();
         let error_phi = (got.phi[0] - phi).abs() / open_phi;
         assert!(error_g < 1e-8, "case {seed}: G got {} want {g}", got.g[0]);
-        assert!(error_phi < 1e-8, "case {seed}: φ got {} want {phi}", got.phi[0]);
+        assert!(
+            error_phi < 1e-8,
+            "case {seed}: φ got {} want {phi}",
+            got.phi[0]
+        );
 
         let visible = phi / open_phi;
         if got.has_gradient && 1e-9 < visible && visible < 1.0 - 1e-9 {
@@ -366,7 +374,10 @@ fn exact_contours_equal_the_light_minus_the_cones_of_its_occluders() {
     let median = relative_errors[relative_errors.len() / 2];
     assert!(median.0 < 1e-8, "median error of derivatives {median:?}");
     // The differences are themselves off where an edge passes a vertex within the step.
-    let n_bad = relative_errors.iter().filter(|error| error.0 > 1e-5).count();
+    let n_bad = relative_errors
+        .iter()
+        .filter(|error| error.0 > 1e-5)
+        .count();
     assert!(
         n_bad * 200 <= relative_errors.len(),
         "{n_bad} of {} derivatives off by more than 1e-5, worst {:?}",

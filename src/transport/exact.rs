@@ -129,29 +129,40 @@ impl Inside {
 /// - `away`: unit normal of the light's plane, pointing away from the receiver.
 /// - `outline`: everything that may stand in between.
 ///
-/// Appends to `pieces`, in no particular order; nothing when the light is hidden, or seen edge-on within rounding.
+/// Appends to `pieces`, in no particular order; nothing when the light is hidden, or seen edge-on within rounding. Returns by how many
+/// metres rounding may have moved them.
 pub(super) fn visible_contour(
     receiver: DVec3,
     borders: &[Piece],
     away: DVec3,
     outline: &Outline,
     pieces: &mut Vec<Piece>,
-) {
-    if borders.is_empty() {
-        return;
-    }
+) -> f64 {
     let reach = borders
         .iter()
         .map(|border| border.a.abs().max_element())
         .fold(0.0, f64::max);
     let rounding = ROUNDING * (reach + receiver.abs().max_element());
     let Some(frame) = Frame::new(borders, away, rounding) else {
-        return;
+        return rounding;
     };
     let chain = chain_edges(receiver, &frame, outline);
     let view = View::new(borders, &frame, chain, rounding * frame.right.length());
     view.occluder_pieces(pieces);
     view.border_pieces(borders, pieces);
+    rounding
+}
+
+/// Bound on the error of the light vector per unit radiance, steradians, when every piece may be off by `shift` metres: each then sweeps
+/// its angle times that distance as seen from the receiver.
+pub(super) fn rounding(pieces: &[Piece], shift: f64) -> f64 {
+    pieces
+        .iter()
+        .map(|piece| {
+            let nearest = piece.a.length().min(piece.b.length()).max(shift);
+            piece.a.angle_between(piece.b) * shift / nearest
+        })
+        .sum()
 }
 
 /// All edges with a coefficient, cut to the depths between receiver and light.
