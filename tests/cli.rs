@@ -2,7 +2,11 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+#[cfg(unix)]
+use std::process::Child;
 use std::process::{Command, Output, Stdio};
+#[cfg(unix)]
+use std::time::Duration;
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -445,19 +449,22 @@ fn ctrl_c_leaves_the_last_good_bake() {
         .stderr(Stdio::piped())
         .spawn()
         .expect("the command starts");
-    // The bake has begun to write when its temporary folder is there.
-    while names(folder.path()).len() < 2 {
+    // The bake has come to the light when its temporary folder is there, in or beside the directory.
+    wait(&mut child, |child| {
         assert!(
             child.try_wait().expect("a child").is_none(),
             "the bake ended before it could be interrupted"
         );
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+        names(folder.path()).len() + names(&directory).len() > 1 + good.len()
+    });
     let killed = Command::new("kill")
         .args(["-INT", &child.id().to_string()])
         .status()
         .expect("kill runs");
     assert!(killed.success());
+    wait(&mut child, |child| {
+        child.try_wait().expect("a child").is_some()
+    });
     let output = child.wait_with_output().expect("the command ends");
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
     assert!(
@@ -467,6 +474,19 @@ fn ctrl_c_leaves_the_last_good_bake() {
     );
     assert!(contents(&directory) == good, "the last good bake changed");
     assert_eq!(names(folder.path()), ["out"], "something was left behind");
+}
+
+/// Waits until `reached`; ends the child and fails when that is not within minutes, so that a hang does not outlive the test.
+#[cfg(unix)]
+fn wait(child: &mut Child, mut reached: impl FnMut(&mut Child) -> bool) {
+    for _ in 0..15_000 {
+        if reached(child) {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    child.kill().expect("a child");
+    panic!("nothing happened for five minutes");
 }
 
 /// Runs the command to its end.

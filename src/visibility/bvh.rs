@@ -40,6 +40,10 @@ const FAR: f64 = 2.0;
 /// Half side of the cube to which far rays are moved: larger than the scene with its padding, smaller than [`FAR`].
 const ENTRY: f64 = 1.5;
 
+/// Up to this many triangles in a shaft are examined more closely. It is emptiness that counts: a shaft of many triangles hardly
+/// becomes empty, and looking closely costs about as much as finding a triangle.
+const FEW: usize = 32;
+
 /// The occluding triangles of a scene.
 #[derive(Debug)]
 pub struct Occluders<'a> {
@@ -160,6 +164,9 @@ impl<'a> Occluders<'a> {
                 stack.push((first + 1, planes));
                 stack.push((first, planes));
             }
+        }
+        if found.len() <= FEW {
+            found.retain(|&id| shaft.reaches_inside(&self.scene.triangles[id as usize].vertices));
         }
         found.sort_unstable();
         found

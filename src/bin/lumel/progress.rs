@@ -1,7 +1,7 @@
 //! A progress bar with the time left, on standard error, for people only: silent when standard error is not a terminal.
 
 use std::io::IsTerminal;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -10,11 +10,12 @@ use lumel::bake::{Progress, Stage};
 /// How often the spinner turns while nothing is reported, as when a large mesh is being unwrapped.
 const TICK: Duration = Duration::from_millis(120);
 
-/// What the user sees of a running command.
+/// What the user sees of a running command. Clones show the same bar.
+#[derive(Clone)]
 pub(crate) struct Display {
     bar: ProgressBar,
     /// The stage shown and the most that was reported of it; reports of several threads may overtake each other.
-    shown: Mutex<Option<(Stage, u64)>>,
+    shown: Arc<Mutex<Option<(Stage, u64)>>>,
 }
 
 impl Display {
@@ -33,7 +34,7 @@ impl Display {
         }
         Self {
             bar,
-            shown: Mutex::new(None),
+            shown: Arc::default(),
         }
     }
 
@@ -55,6 +56,11 @@ impl Display {
         if let Some((_, most)) = *shown {
             self.bar.set_position(most);
         }
+    }
+
+    /// Says something above the bar; nothing where there is no bar.
+    pub(crate) fn say(&self, message: &str) {
+        self.bar.println(message);
     }
 
     /// Takes the bar away, before anything else is printed.

@@ -1,7 +1,7 @@
 //! The subcommands: each opens the scene, calls the library, and prints what came of it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use lumel::bake::{self, Execution};
 use lumel::scene::Scene;
@@ -25,22 +25,32 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 
 /// Runs `command` to its end.
 pub(crate) fn run(command: &Command) -> Result<Outcome> {
-    listen_for_interrupts(command.general().quiet);
+    let general = command.general();
+    let display = Display::new(!general.quiet && !general.json);
+    listen_for_interrupts(&display);
     match command {
-        Command::Bake(args) => run_bake(args),
-        Command::Probe(args) => run_probe(args),
-        Command::Inspect(args) => run_inspect(args),
+        Command::Bake(args) => run_bake(args, &display),
+        Command::Probe(args) => run_probe(args, &display),
+        Command::Inspect(args) => run_inspect(args, &display),
     }
 }
 
 /// The first Ctrl-C asks the library to stop, the second one stops.
-fn listen_for_interrupts(quiet: bool) {
-    let handler = move || {
-        if CANCELLED.swap(true, Ordering::Relaxed) {
+fn listen_for_interrupts(display: &Display) {
+    /// Signals closer together than this are one wish to stop: `timeout` signals the process and then its group. Much longer, and a
+    /// user who presses twice would be ignored.
+    const ONE_PRESS: Duration = Duration::from_millis(300);
+    let display = display.clone();
+    let mut first: Option<Instant> = None;
+    let handler = move || match first {
+        Some(first) if first.elapsed() > ONE_PRESS => {
             std::process::exit(i32::from(INTERRUPTED));
         }
-        if !quiet {
-            print::note("stopping; Ctrl-C again stops at once");
+        Some(_) => {}
+        None => {
+            first = Some(Instant::now());
+            CANCELLED.store(true, Ordering::Relaxed);
+            display.say("stopping; Ctrl-C again stops at once");
         }
     };
     if let Err(error) = ctrlc::set_handler(handler) {
@@ -48,14 +58,14 @@ fn listen_for_interrupts(quiet: bool) {
     }
 }
 
-fn run_bake(args: &Bake) -> Result<Outcome> {
+fn run_bake(args: &Bake, display: &Display) -> Result<Outcome> {
     let started = Instant::now();
     let general = &args.general;
     let directory = args
         .directory
         .clone()
         .unwrap_or_else(|| general.path.with_extension("lumel"));
-    let report = work(general, |scene, execution| {
+    let report = work(general, display, |scene, execution| {
         bake::bake(&scene, &directory, &args.options(), execution)
     })?;
 
@@ -78,7 +88,7 @@ fn run_bake(args: &Bake) -> Result<Outcome> {
     })
 }
 
-fn run_probe(args: &Probe) -> Result<Outcome> {
+fn run_probe(args: &Probe, display: &Display) -> Result<Outcome> {
     let general = &args.general;
     // What cannot be written is found out before anything is evaluated.
     let destination = args
@@ -87,7 +97,7 @@ fn run_probe(args: &Probe) -> Result<Outcome> {
         .map(samples::Destination::create)
         .transpose()?;
     let receivers = points::read(&args.points)?;
-    let ((evaluated, counters), warnings) = work(general, |scene, execution| {
+    let ((evaluated, counters), warnings) = work(general, display, |scene, execution| {
         let result = bake::probe(&scene, &receivers, &args.options(), execution)?;
         Ok((result, json!(scene.warnings)))
     })?;
@@ -116,9 +126,9 @@ fn run_probe(args: &Probe) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn run_inspect(args: &Inspect) -> Result<Outcome> {
+fn run_inspect(args: &Inspect, display: &Display) -> Result<Outcome> {
     let general = &args.general;
-    let inspection = work(general, |scene, execution| {
+    let inspection = work(general, display, |scene, execution| {
         bake::inspect(&scene, &args.quality.options(), execution)
     })?;
     print::warnings(&inspection["warnings"], general);
@@ -130,9 +140,12 @@ fn run_inspect(args: &Inspect) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Reads the scene and does `work` on it, with a progress bar and an ear for Ctrl-C.
-fn work<R>(general: &General, work: impl FnOnce(Scene, &Execution<'_>) -> Result<R>) -> Result<R> {
-    let display = Display::new(!general.quiet && !general.json);
+/// Reads the scene and does `work` on it; `display` shows how far it is.
+fn work<R>(
+    general: &General,
+    display: &Display,
+    work: impl FnOnce(Scene, &Execution<'_>) -> Result<R>,
+) -> Result<R> {
     let progress = |progress| display.update(progress);
     let execution = Execution {
         threads: general.threads(),
