@@ -601,6 +601,9 @@ fn a_uniform_picture_gives_one_polygon() {
     }
 }
 
+/// A name and the colour of each pixel.
+type Picture<'a> = (&'a str, &'a dyn Fn(u32, u32) -> [u8; 4]);
+
 #[test]
 fn textured_emission_keeps_its_flux() {
     let gradient = |x: u32, y: u32| [(8 * x) as u8, (8 * y) as u8, (4 * (x + y)) as u8, 255];
@@ -613,7 +616,7 @@ fn textured_emission_keeps_its_flux() {
         let bits = Rng::new(u64::from(32 * y + x)).bits();
         [bits as u8, (bits >> 8) as u8, (bits >> 16) as u8, 255]
     };
-    let pictures: [(&str, &dyn Fn(u32, u32) -> [u8; 4]); 4] = [
+    let pictures: [Picture<'_>; 4] = [
         ("gradient", &gradient),
         ("checker", &checker),
         ("spot", &spot),
@@ -640,7 +643,6 @@ fn textured_emission_keeps_its_flux() {
             }
             counts.push(lights.polygons.len());
         }
-        println!("{name}: {counts:?} polygons");
         assert!(counts[0] < counts[2], "{name}: {counts:?}");
     }
 }

@@ -1,8 +1,10 @@
 //! Rays and shafts: the hierarchy against looking at every triangle, and both against what is known.
 
-use glam::DVec3;
+use glam::{DAffine2, DAffine3, DVec3, Vec2};
 use lumel::error::Warnings;
-use lumel::scene::{Material, Scene, Source, Triangle};
+use lumel::scene::{
+    Alpha, Image, Instance, Material, Mesh, Primitive, Scene, Source, Texture, Triangle, Wrap,
+};
 use lumel::visibility::{BruteForce, Hit, Occluders, Shaft, Visibility};
 
 use crate::support::Rng;
@@ -143,15 +145,23 @@ fn random_direction(rng: &mut Rng) -> DVec3 {
     match rng.bits() % 4 {
         0 => {
             let mut direction = [0.0, -0.0, 0.0];
-            direction[(rng.bits() % 3) as usize] = if rng.bits() % 2 == 0 { 1.0 } else { -1.0 };
-            if rng.bits() % 2 == 0 {
+            direction[(rng.bits() % 3) as usize] = if rng.bits().is_multiple_of(2) {
+                1.0
+            } else {
+                -1.0
+            };
+            if rng.bits().is_multiple_of(2) {
                 direction = direction.map(|d| if d == 0.0 { -0.0 } else { d });
             }
             DVec3::from_array(direction)
         }
         1 => {
             let mut direction = rng.direction();
-            direction[(rng.bits() % 3) as usize] = if rng.bits() % 2 == 0 { 0.0 } else { 1e-12 };
+            direction[(rng.bits() % 3) as usize] = if rng.bits().is_multiple_of(2) {
+                0.0
+            } else {
+                1e-12
+            };
             direction.normalize()
         }
         _ => rng.direction(),
@@ -406,10 +416,15 @@ struct Pair {
 }
 
 fn random_pair(rng: &mut Rng, scale: f64, offset: DVec3, curved: bool) -> Pair {
-    let aligned = rng.bits() % 2 == 0;
+    let aligned = rng.bits().is_multiple_of(2);
     let direction = |rng: &mut Rng| {
         if aligned {
-            DVec3::AXES[(rng.bits() % 3) as usize] * if rng.bits() % 2 == 0 { 1.0 } else { -1.0 }
+            DVec3::AXES[(rng.bits() % 3) as usize]
+                * if rng.bits().is_multiple_of(2) {
+                    1.0
+                } else {
+                    -1.0
+                }
         } else {
             rng.direction()
         }
@@ -420,7 +435,7 @@ fn random_pair(rng: &mut Rng, scale: f64, offset: DVec3, curved: bool) -> Pair {
         normal = -normal;
     }
     let mut light_normal = direction(rng);
-    if rng.bits() % 4 != 0 && light_normal.dot(centre - light_centre) < 0.0 {
+    if !rng.bits().is_multiple_of(4) && light_normal.dot(centre - light_centre) < 0.0 {
         light_normal = -light_normal;
     }
     let (x, y) = normal.any_orthonormal_pair();
@@ -458,7 +473,7 @@ fn random_pair(rng: &mut Rng, scale: f64, offset: DVec3, curved: bool) -> Pair {
 
 #[test]
 fn whatever_hides_light_is_in_the_shaft() {
-    let (mut blockers, mut candidates, mut shafts, mut empty, mut truly_empty) = (0, 0, 0, 0, 0);
+    let (mut blockers, mut candidates, mut empty, mut unhidden) = (0, 0, 0, 0);
     for case in 0..1500u64 {
         let rng = &mut Rng::new(case);
         let (scale, offset) = PLACES[case as usize % PLACES.len()];
@@ -501,17 +516,13 @@ fn whatever_hides_light_is_in_the_shaft() {
         }
         blockers += hiding.len();
         candidates += found.len();
-        shafts += 1;
         empty += usize::from(found.is_empty());
-        truly_empty += usize::from(hiding.is_empty());
+        unhidden += usize::from(hiding.is_empty());
     }
-    println!(
-        "{shafts} shafts: {candidates} candidates for {blockers} hiding triangles; \
-         {empty} empty of {truly_empty} that nothing hides"
-    );
     assert!(blockers > 1500, "only {blockers} hiding triangles");
-    // Sampling finds most of the hiding triangles; a shaft that kept everything in its box would hold several times as many.
-    assert!(candidates < 2 * blockers, "{candidates} for {blockers}");
+    // 400 segments miss some of the hiding triangles. Measured: 2334 candidates for 1813, and 646 empty shafts of 706.
+    assert!(2 * candidates < 3 * blockers, "{candidates} for {blockers}");
+    assert!(10 * empty > 8 * unhidden, "{empty} of {unhidden}");
 }
 
 #[test]
@@ -592,5 +603,83 @@ fn hits_are_reported_with_distance_and_side() {
                 .dot(direction)
                 < 0.0
         );
+    }
+}
+
+/// A unit square in z = 0, its texture coordinates its x and y, with a picture of 2 × 1 texels: clear on the left.
+fn curtain(alpha: Alpha) -> Scene {
+    let texture = Texture {
+        image: Some(0),
+        texcoord: 0,
+        transform: DAffine2::IDENTITY,
+        wrap: [Wrap::ClampToEdge; 2],
+    };
+    let material = Material {
+        alpha,
+        base_color_texture: Some(texture),
+        ..Material::default()
+    };
+    let corners = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+    Scene::assemble(
+        "curtain",
+        vec![Mesh {
+            name: "mesh".to_owned(),
+            source: 0,
+            primitives: vec![Primitive {
+                source: 0,
+                material: 0,
+                positions: corners.map(|corner| corner.extend(0.0)).to_vec(),
+                normals: Vec::new(),
+                texcoords: vec![corners.to_vec()],
+                vertex_alpha: Vec::new(),
+                triangles: vec![[0, 1, 2], [0, 2, 3]],
+            }],
+        }],
+        vec![Instance {
+            name: "node".to_owned(),
+            node: 0,
+            copy: None,
+            mesh: 0,
+            world_from_local: DAffine3::IDENTITY,
+            density: 1.0,
+        }],
+        vec![material],
+        vec![Image {
+            width: 2,
+            height: 1,
+            rgba: vec![[255, 255, 255, 0], [255; 4]],
+        }],
+    )
+}
+
+#[test]
+fn masked_surfaces_stop_light_where_they_are_opaque() {
+    let stopped = |alpha: Alpha, x: f64| {
+        let scene = curtain(alpha);
+        let (tree, brute) = (Occluders::build(&scene), BruteForce::build(&scene));
+        let from = DVec3::new(x, 0.4, 1.0);
+        let to = DVec3::new(x, 0.4, -1.0);
+        let occluded = tree.occluded(from, to, NOTHING);
+        assert_eq!(occluded, brute.occluded(from, to, NOTHING));
+        let hit = tree.closest(from, -DVec3::Z, 5.0, NOTHING);
+        assert_eq!(hit, brute.closest(from, -DVec3::Z, 5.0, NOTHING));
+        assert_eq!(hit.is_some(), occluded);
+        occluded
+    };
+    let mask = Alpha::Mask { cutoff: 0.5 };
+    assert!(!stopped(mask, 0.1));
+    assert!(stopped(mask, 0.9));
+    assert!(stopped(Alpha::Mask { cutoff: 0.0 }, 0.1));
+    assert!(!stopped(Alpha::Mask { cutoff: 1.5 }, 0.9));
+    assert!(stopped(Alpha::Opaque, 0.1));
+    assert!(!stopped(Alpha::Blend, 0.9));
+
+    // A masked surface may hide light, so it is in the shaft; a blended one never does.
+    let light = [DVec3::ZERO, DVec3::X, DVec3::ONE, DVec3::Y].map(|v| v.with_z(1.0));
+    let receivers = [(DVec3::new(0.5, 0.5, -1.0), DVec3::Z)];
+    let shaft = Shaft::new(&receivers, &light, -DVec3::Z);
+    for (alpha, want) in [(mask, vec![0, 1]), (Alpha::Blend, vec![])] {
+        let scene = curtain(alpha);
+        assert_eq!(Occluders::build(&scene).in_shaft(&shaft, NOTHING), want);
     }
 }

@@ -13,6 +13,7 @@ use crate::scene::{Mesh, Primitive, Scene};
 
 use super::footprint::{each_covered, signed_area};
 use super::group::Group;
+use super::split::Forest;
 use super::{Layout, NO_CHART, Options, Unwrap, UnwrappedPrimitive, Uv};
 
 /// How far coordinates may leave 0..1: what quantising to 16 bits and a few roundings in 32 bits can do. A texel of the largest page is 6e-5.
@@ -273,11 +274,12 @@ fn charts(mesh: &Mesh) -> (Vec<u32>, u32) {
         }
     }
     edges.sort_unstable();
-    let mut parents: Vec<u32> = (0..collapsed.len() as u32).collect();
+    let mut forest = Forest {
+        parents: (0..collapsed.len() as u32).collect(),
+    };
     for shared in edges.chunk_by(|a, b| a.0 == b.0) {
         for pair in shared.windows(2) {
-            let (a, b) = (root(&mut parents, pair[0].1), root(&mut parents, pair[1].1));
-            parents[a.max(b) as usize] = a.min(b);
+            forest.join(pair[0].1, pair[1].1);
         }
     }
     let mut numbers = vec![NO_CHART; collapsed.len()];
@@ -287,7 +289,7 @@ fn charts(mesh: &Mesh) -> (Vec<u32>, u32) {
             continue;
         }
         // The root is the smallest index of its chart, so it has its number first.
-        let root = root(&mut parents, triangle);
+        let root = forest.root(triangle);
         if root == triangle {
             numbers[triangle as usize] = n_charts;
             n_charts += 1;
@@ -296,15 +298,6 @@ fn charts(mesh: &Mesh) -> (Vec<u32>, u32) {
         }
     }
     (numbers, n_charts)
-}
-
-fn root(parents: &mut [u32], mut index: u32) -> u32 {
-    while parents[index as usize] != index {
-        let parent = parents[index as usize];
-        parents[index as usize] = parents[parent as usize];
-        index = parent;
-    }
-    index
 }
 
 /// Whether a texel is read by two charts.

@@ -8,10 +8,13 @@
 //! into charts by xatlas (`split` prepares, `unwrap` calls it); the rectangles of all instances are packed into pages (`pack`).
 
 mod authored;
+mod chart;
 mod footprint;
 mod group;
 mod limit;
 mod pack;
+mod place;
+mod sliver;
 mod split;
 mod unwrap;
 mod validate;

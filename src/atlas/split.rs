@@ -12,22 +12,28 @@ use crate::scene::Mesh;
 /// of it makes four times the seams on dense surfaces and saves little, as hard edges cut the others anyway.
 const MAX_TRIANGLES: usize = 1024;
 
-/// The patch of every triangle, over all primitives of the mesh in order. Patches are connected over shared positions and lie in one
-/// primitive.
+/// The patch of every triangle of `triangles` (vertices numbered over all primitives). Patches are connected over shared positions and
+/// lie in one primitive.
 ///
-/// `positions` are those of all primitives in texels. Patches wider than `max_extent` along an axis are halved as long as their
-/// triangles are small enough for that to help.
-pub(super) fn patches(mesh: &Mesh, positions: &[DVec3], max_extent: f64) -> Vec<u32> {
-    let triangles = triangles(mesh);
-    let mut components = Components::new(mesh);
-    for triangle in &triangles {
-        components.join(triangle[0], triangle[1]);
-        components.join(triangle[0], triangle[2]);
+/// `places` names for each vertex the first one at the same position of the same primitive, `positions` are in texels. Patches wider
+/// than `max_extent` along an axis are halved as long as their triangles are small enough for that to help.
+pub(super) fn patches(
+    triangles: &[[u32; 3]],
+    places: &[u32],
+    positions: &[DVec3],
+    max_extent: f64,
+) -> Vec<u32> {
+    let mut forest = Forest {
+        parents: places.to_vec(),
+    };
+    for triangle in triangles {
+        forest.join(triangle[0], triangle[1]);
+        forest.join(triangle[0], triangle[2]);
     }
     let mut by_component: Vec<(u32, u32)> = triangles
         .iter()
         .enumerate()
-        .map(|(index, triangle)| (components.root(triangle[0]), index as u32))
+        .map(|(index, triangle)| (forest.root(triangle[0]), index as u32))
         .collect();
     by_component.sort_unstable();
 
@@ -63,42 +69,46 @@ pub(super) fn triangles(mesh: &Mesh) -> Vec<[u32; 3]> {
     all
 }
 
-/// Vertices that are connected by triangles or lie at the same place of the same primitive: a union-find forest.
-struct Components {
-    parents: Vec<u32>,
+/// For each vertex of all primitives the first one at the same position of the same primitive.
+pub(super) fn places(mesh: &Mesh) -> Vec<u32> {
+    let mut vertices: Vec<(usize, [u32; 3], u32)> = Vec::new();
+    for (index, primitive) in mesh.primitives.iter().enumerate() {
+        for position in &primitive.positions {
+            // −0 + 0 = +0: both zeros are one place.
+            let bits = position.to_array().map(|x| (x + 0.0).to_bits());
+            vertices.push((index, bits, vertices.len() as u32));
+        }
+    }
+    vertices.sort_unstable();
+    let mut places = vec![0; vertices.len()];
+    for same in vertices.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+        for &(_, _, vertex) in same {
+            places[vertex as usize] = same[0].2;
+        }
+    }
+    places
 }
 
-impl Components {
-    fn new(mesh: &Mesh) -> Self {
-        let mut places: Vec<(usize, [u32; 3], u32)> = Vec::new();
-        for (index, primitive) in mesh.primitives.iter().enumerate() {
-            for position in &primitive.positions {
-                // −0 + 0 = +0: both zeros are one place.
-                let place = position.to_array().map(|x| (x + 0.0).to_bits());
-                places.push((index, place, places.len() as u32));
-            }
-        }
-        places.sort_unstable();
-        let mut parents = vec![0; places.len()];
-        for same in places.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            for &(_, _, vertex) in same {
-                parents[vertex as usize] = same[0].2;
-            }
-        }
-        Self { parents }
-    }
+/// Disjoint sets as a union-find forest; the root of a set is its smallest member.
+pub(super) struct Forest {
+    /// Each member's parent; roots are their own.
+    pub(super) parents: Vec<u32>,
+}
 
-    fn root(&mut self, mut vertex: u32) -> u32 {
-        while self.parents[vertex as usize] != vertex {
+impl Forest {
+    /// The smallest member of the set of `member`.
+    pub(super) fn root(&mut self, mut member: u32) -> u32 {
+        while self.parents[member as usize] != member {
             // Halving the path keeps the trees flat.
-            let parent = self.parents[vertex as usize];
-            self.parents[vertex as usize] = self.parents[parent as usize];
-            vertex = parent;
+            let parent = self.parents[member as usize];
+            self.parents[member as usize] = self.parents[parent as usize];
+            member = parent;
         }
-        vertex
+        member
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    /// Makes one set of the sets of `a` and `b`.
+    pub(super) fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.parents[a.max(b) as usize] = a.min(b);
     }

@@ -1,19 +1,21 @@
-//! Lays out a mesh by cutting it into charts: prepares the mesh for xatlas, judges what comes back and turns it into [`Unwrap`]s.
+//! Lays out a mesh by cutting it into charts: prepares it for xatlas, mends what comes back, seats the charts and spells out the result
+//! as [`Unwrap`]s, one per page that the mesh needs.
+
+use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::error::{Result, Warnings};
 use crate::scene::{Mesh, Scene};
 
-use super::footprint::{read, signed_area};
+use super::chart::{self, Chart, Surface};
+use super::footprint::read;
 use super::group::Group;
+use super::place::{self, Outline};
+use super::sliver::{self, Spot};
 use super::split;
-use super::xatlas::{self, Input, Output, SPAN};
+use super::xatlas::{self, Input, SPAN};
 use super::{Layout, NO_CHART, Options, Unwrap, UnwrappedPrimitive};
-
-/// How often a mesh with a chart larger than a page is cut finer. Each time patches get half as wide; what is too wide after that is
-/// one triangle, or a fan of triangles that wide.
-const ATTEMPTS: u32 = 3;
 
 /// Lays out the mesh of `group`, in as many parts as pages it needs. No part when no triangle has area at this scale.
 ///
@@ -26,161 +28,123 @@ pub(super) fn layout(
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<Layout> {
     let mesh = &scene.meshes[group.mesh];
-    let place = || format!("meshes[{}] ({})", mesh.source, mesh.name);
+    let name = format!("meshes[{}] ({})", mesh.source, mesh.name);
     let mut warnings = Warnings::default();
-    let Some(prepared) = Prepared::new(mesh, group) else {
-        warnings.push("mesh has no area at its scale, gets no texels", place());
+    let surface = Surface {
+        triangles: split::triangles(mesh),
+        places: split::places(mesh),
+        texels: mesh
+            .primitives
+            .iter()
+            .flat_map(|primitive| &primitive.positions)
+            .map(|position| group.texels_from_local * position.as_dvec3())
+            .collect(),
+    };
+    let room = f64::from(options.room());
+    let thin = sliver::slivers(&surface);
+    let handed_over: Vec<u32> = (0..thin.len() as u32)
+        .filter(|&triangle| !thin[triangle as usize])
+        .collect();
+    let Some(input) = input(mesh, group, &surface, &handed_over, room) else {
+        warnings.push("mesh has no area at its scale, gets no texels", name);
         return Ok(Layout {
             unwraps: Vec::new(),
             warnings,
         });
     };
-    let mut page = Page::new(options);
-    // A flat patch may lie askew in its box, then it is √2 times as wide.
-    let mut max_extent = page.room * std::f64::consts::FRAC_1_SQRT_2;
-    let mut attempt = 0;
-    let flat = loop {
-        let patches = split::patches(mesh, &prepared.texels, max_extent);
-        let input = prepared.input(mesh, group, patches, &page);
-        let Some(output) = xatlas::unwrap(input, cancelled)? else {
-            warnings.push("mesh cannot be cut into charts, gets no texels", place());
-            return Ok(Layout {
-                unwraps: Vec::new(),
-                warnings,
-            });
-        };
-        let flat = Flat {
-            triangles: split::triangles(mesh),
-            output,
-        };
-        let worst = flat.worst(&prepared.texels, &page);
-        attempt += 1;
-        if worst.is_none_or(|worst| worst.n_triangles == 1) || attempt == ATTEMPTS {
-            if let Some(worst) = worst {
-                warnings.push(
-                    "chart is larger than a page, has fewer texels per metre there",
-                    format!("{}: {:.3} of them", place(), worst.ratio),
-                );
-            }
-            break flat;
-        }
-        max_extent *= 0.5;
-        page.max_boundary *= 0.5;
+    let Some(output) = xatlas::unwrap(input, cancelled)? else {
+        warnings.push("mesh cannot be cut into charts, gets no texels", name);
+        return Ok(Layout {
+            unwraps: Vec::new(),
+            warnings,
+        });
     };
+    let mut charts = Vec::new();
+    for chart in chart::collect(&output, &handed_over) {
+        if let Some(ratio) = chart::mend(chart, &surface, room, &mut charts) {
+            warnings.push(
+                "triangle is larger than a page, has fewer texels per metre",
+                format!("{name}: {ratio:.3} of them"),
+            );
+        }
+    }
+    let parts = seat(&mut charts, options);
     Ok(Layout {
-        unwraps: flat.parts(mesh, group),
+        unwraps: spell_out(mesh, group, &surface, &charts, &parts),
         warnings,
     })
 }
 
-/// What a page allows.
-struct Page {
-    /// Side that charts can use, in texels.
+/// The mesh as xatlas wants it; `None` when no triangle has an area that it sees.
+fn input(
+    mesh: &Mesh,
+    group: &Group,
+    surface: &Surface,
+    handed_over: &[u32],
     room: f64,
-    /// Longest boundary of a chart in texels.
-    max_boundary: f64,
-    /// See [`Input::margin`].
-    margin: u32,
-}
-
-impl Page {
-    fn new(options: &Options) -> Self {
-        // Two texels less than there are, because positions of vertices come rounded.
-        let room = f64::from(options.room()) - 2.0;
-        Self {
-            room,
-            // A closed line of this length spans one page at most, and a square chart with it half a page: two of them share one.
-            max_boundary: 2.0 * room,
-            margin: options.margin(),
-        }
+) -> Option<Input> {
+    let triangles: Vec<[u32; 3]> = handed_over
+        .iter()
+        .map(|&triangle| surface.triangles[triangle as usize])
+        .collect();
+    let (low, high) = triangles
+        .iter()
+        .flatten()
+        .map(|&vertex| surface.texels[vertex as usize])
+        .fold(
+            (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            |(low, high), point| (low.min(point), high.max(point)),
+        );
+    let extent = (high - low).max_element();
+    // A power of two, so that scaling rounds nothing.
+    let units_per_texel = (SPAN / extent).log2().floor().exp2();
+    let texels_per_unit = (1.0 / units_per_texel) as f32;
+    // False for NaN as well; the smallest and largest floats are no scales to compute with.
+    if !(extent > 0.0 && (1e-30..1e30).contains(&texels_per_unit)) {
+        return None;
     }
-}
-
-/// A mesh at the scale of the world.
-struct Prepared {
-    /// Positions of all primitives in texels.
-    texels: Vec<DVec3>,
-    /// The same for xatlas: centred, three per vertex.
-    units: Vec<f32>,
-    /// A power of two, so that scaling rounds nothing.
-    units_per_texel: f64,
-}
-
-impl Prepared {
-    /// `None` when no triangle has an area that xatlas sees.
-    fn new(mesh: &Mesh, group: &Group) -> Option<Self> {
-        let texels: Vec<DVec3> = mesh
-            .primitives
-            .iter()
-            .flat_map(|primitive| &primitive.positions)
-            .map(|position| group.texels_from_local * position.as_dvec3())
-            .collect();
-        let triangles = split::triangles(mesh);
-        let (low, high) = triangles
-            .iter()
-            .flatten()
-            .map(|&vertex| texels[vertex as usize])
-            .fold(
-                (DVec3::INFINITY, DVec3::NEG_INFINITY),
-                |(low, high), point| (low.min(point), high.max(point)),
-            );
-        let extent = (high - low).max_element();
-        if !(extent > 0.0 && extent.is_finite()) {
-            return None;
-        }
-        let units_per_texel = (SPAN / extent).log2().floor().exp2();
-        let centre = 0.5 * (low + high);
-        // Vertices that no triangle uses may lie anywhere; they are put onto the border.
-        let units: Vec<f32> = texels
-            .iter()
-            .flat_map(|&texel| {
-                ((texel - centre) * units_per_texel)
-                    .clamp(DVec3::splat(-SPAN), DVec3::splat(SPAN))
-                    .as_vec3()
-                    .to_array()
-            })
-            .collect();
-        let has_area = |triangle: &[u32; 3]| {
-            let [a, b, c] = triangle.map(|vertex| {
-                let first = 3 * vertex as usize;
-                DVec3::new(
-                    f64::from(units[first]),
-                    f64::from(units[first + 1]),
-                    f64::from(units[first + 2]),
-                )
-            });
-            // Twice xatlas's limit, as it computes in 32 bits.
-            (b - a).cross(c - a).length() > 4.0 * f64::from(f32::EPSILON)
-        };
-        let any = units_per_texel.is_finite() && triangles.iter().any(has_area);
-        any.then_some(Self {
-            texels,
-            units,
-            units_per_texel,
+    let centre = 0.5 * (low + high);
+    // Vertices that no triangle uses may lie anywhere; they are put onto the border.
+    let units: Vec<[f32; 3]> = surface
+        .texels
+        .iter()
+        .map(|&texel| {
+            ((texel - centre) * units_per_texel)
+                .clamp(DVec3::splat(-SPAN), DVec3::splat(SPAN))
+                .as_vec3()
+                .to_array()
         })
+        .collect();
+    let has_area = |triangle: &[u32; 3]| {
+        let [a, b, c] =
+            triangle.map(|vertex| DVec3::from_array(units[vertex as usize].map(f64::from)));
+        // Twice xatlas's limit, as it computes in 32 bits.
+        (b - a).cross(c - a).length() > 4.0 * f64::from(f32::EPSILON)
+    };
+    if !triangles.iter().any(has_area) {
+        return None;
     }
-
-    fn input(&self, mesh: &Mesh, group: &Group, patches: Vec<u32>, page: &Page) -> Input {
-        Input {
-            positions: self.units.clone(),
-            normals: normals(mesh, group.texels_from_local),
-            indices: split::triangles(mesh).into_iter().flatten().collect(),
-            patches,
-            texels_per_unit: (1.0 / self.units_per_texel) as f32,
-            max_boundary: (page.max_boundary * self.units_per_texel) as f32,
-            area: group.area,
-            page: page.room as u32,
-            margin: page.margin,
-        }
-    }
+    // A flat patch may lie askew in its box, then it is √2 times as wide.
+    let max_extent = room * std::f64::consts::FRAC_1_SQRT_2;
+    Some(Input {
+        normals: normals(mesh, group.texels_from_local),
+        patches: split::patches(&triangles, &surface.places, &surface.texels, max_extent),
+        positions: units.into_flattened(),
+        indices: triangles.into_flattened(),
+        texels_per_unit,
+        // A closed line of twice a page's side spans one page at most.
+        max_boundary: (2.0 * room * units_per_texel) as f32,
+        max_chart: room as u32,
+    })
 }
 
 /// Vertex normals at the scale of the world, if all primitives have them.
 fn normals(mesh: &Mesh, linear: DMat3) -> Option<Vec<f32>> {
-    let complete = |primitive: &crate::scene::Primitive| {
-        !primitive.normals.is_empty() && primitive.normals.len() == primitive.positions.len()
-    };
-    if !mesh.primitives.iter().all(complete) {
+    let complete = mesh
+        .primitives
+        .iter()
+        .all(|primitive| primitive.normals.len() == primitive.positions.len());
+    if !complete {
         return None;
     }
     // The cofactor matrix is the inverse transpose up to a factor, and exists for flattening transforms too.
@@ -195,8 +159,7 @@ fn normals(mesh: &Mesh, linear: DMat3) -> Option<Vec<f32>> {
             .flat_map(|primitive| &primitive.normals)
             .flat_map(|normal| {
                 (cofactor * normal.as_dvec3())
-                    .try_normalize()
-                    .unwrap_or(DVec3::Y)
+                    .normalize_or(DVec3::Y)
                     .as_vec3()
                     .to_array()
             })
@@ -204,173 +167,111 @@ fn normals(mesh: &Mesh, linear: DMat3) -> Option<Vec<f32>> {
     )
 }
 
-/// A mesh that xatlas has laid out.
-struct Flat {
-    /// Triangles of all primitives, as they were handed over.
-    triangles: Vec<[u32; 3]>,
-    output: Output,
+/// Moves every chart to its seat. Returns the part of each chart.
+fn seat(charts: &mut [Chart], options: &Options) -> Vec<usize> {
+    let margin = options.margin();
+    for chart in charts.iter_mut() {
+        chart.align();
+    }
+    let outlines: Vec<Outline> = charts
+        .iter()
+        .map(|chart| Outline::new(chart, margin))
+        .collect();
+    let seats = place::seats(&outlines, options.page_side() as i32);
+    for ((chart, outline), seat) in charts.iter_mut().zip(&outlines).zip(&seats) {
+        let offset = DVec2::from_array(seat.offset.map(f64::from));
+        chart.map(|corner| seat.turn.apply(corner, outline.size) + offset);
+    }
+    seats.into_iter().map(|seat| seat.page).collect()
 }
 
-/// A chart that xatlas made smaller to fit a page.
-#[derive(Clone, Copy)]
-struct Shrunk {
-    /// Texels per metre it got, relative to what was asked.
-    ratio: f64,
-    n_triangles: usize,
-}
-
-impl Flat {
-    fn corners(&self, triangle: usize) -> [u32; 3] {
-        let first = 3 * triangle;
-        [
-            self.output.indices[first],
-            self.output.indices[first + 1],
-            self.output.indices[first + 2],
-        ]
-    }
-
-    fn texcoords(&self, triangle: usize) -> [DVec2; 3] {
-        self.corners(triangle).map(|corner| {
-            let [u, v] = self.output.vertices[corner as usize].texcoord;
-            DVec2::new(f64::from(u), f64::from(v))
-        })
-    }
-
-    /// Page and chart of a triangle.
-    fn place(&self, triangle: usize) -> Option<(usize, u32)> {
-        let corners = self.corners(triangle);
-        let first = &self.output.vertices[corners[0] as usize];
-        corners
-            .iter()
-            .all(|&corner| self.output.vertices[corner as usize].page == first.page)
-            .then_some(())
-            .and(first.page.map(|page| (page, first.chart)))
-    }
-
-    /// The chart that lost most when xatlas made it smaller to fit a page; one with several triangles, which can be cut, before others.
-    fn worst(&self, texels: &[DVec3], page: &Page) -> Option<Shrunk> {
-        /// Below the rounding of charts to whole texels (half a texel of a page) and above that of 32 bits.
-        const NOTHING: f64 = 0.99;
-        let n_charts = self.output.vertices.iter().filter(|v| v.page.is_some());
-        let n_charts = n_charts.map(|v| v.chart + 1).max().unwrap_or(0);
-        // Area in texels, area in the plane, extent, triangles.
-        let mut sums = vec![(0.0, 0.0, DVec2::INFINITY, DVec2::NEG_INFINITY, 0); n_charts as usize];
-        for (index, corners) in self.triangles.iter().enumerate() {
-            let Some((_, chart)) = self.place(index) else {
-                continue;
-            };
-            let [a, b, c] = corners.map(|vertex| texels[vertex as usize]);
-            let flat = self.texcoords(index);
-            let sum = &mut sums[chart as usize];
-            sum.0 += (b - a).cross(c - a).length();
-            sum.1 += signed_area(flat).abs();
-            sum.2 = flat.iter().fold(sum.2, |low, &point| low.min(point));
-            sum.3 = flat.iter().fold(sum.3, |high, &point| high.max(point));
-            sum.4 += 1;
+/// The layout as it leaves this stage. `parts` names the part of each chart.
+fn spell_out(
+    mesh: &Mesh,
+    group: &Group,
+    surface: &Surface,
+    charts: &[Chart],
+    parts: &[usize],
+) -> Vec<Unwrap> {
+    let mut spots: Vec<Option<Spot>> = vec![None; surface.triangles.len()];
+    let mut owners = vec![NO_CHART; surface.triangles.len()];
+    for (index, (chart, &part)) in charts.iter().zip(parts).enumerate() {
+        for (&triangle, &corners) in chart.triangles.iter().zip(&chart.corners) {
+            spots[triangle as usize] = Some(Spot { part, corners });
+            owners[triangle as usize] = index as u32;
         }
-        sums.into_iter()
-            .filter(|&(_, _, low, high, _)| (high - low).max_element() > page.room - 3.0)
-            .map(|(surface, plane, _, _, n_triangles)| Shrunk {
-                ratio: f64::sqrt(plane / surface),
-                n_triangles,
-            })
-            .filter(|shrunk| shrunk.ratio < NOTHING)
-            .min_by(|a, b| {
-                let can_be_cut = |shrunk: &Shrunk| shrunk.n_triangles > 1;
-                can_be_cut(b)
-                    .cmp(&can_be_cut(a))
-                    .then(a.ratio.total_cmp(&b.ratio))
-            })
     }
-
-    /// One part per page, cropped to what is read.
-    fn parts(&self, mesh: &Mesh, group: &Group) -> Vec<Unwrap> {
-        let n_parts = (0..self.triangles.len())
-            .filter_map(|triangle| self.place(triangle))
-            .map(|(page, _)| page + 1)
-            .max()
-            .unwrap_or(0);
-        let mut parts: Vec<Part> = (0..n_parts)
-            .map(|_| Part::new(mesh, &self.output))
-            .collect();
-        let mut triangle = 0;
-        for (primitive, source) in mesh.primitives.iter().enumerate() {
-            let first_vertex = self.first_vertex(mesh, primitive);
-            for local in 0..source.triangles.len() {
-                let place = self.place(triangle);
-                // A triangle without a place still belongs to the mesh: the first part takes it.
-                if let Some(part) = parts.get_mut(place.map_or(0, |(page, _)| page)) {
-                    let chart = place.map(|(_, chart)| chart);
-                    part.add(self, primitive, first_vertex, (triangle, local), chart);
-                }
-                triangle += 1;
+    let borrowed = sliver::borrow(surface, &spots);
+    let n_parts = parts.iter().map(|part| part + 1).max().unwrap_or(0);
+    let mut unwraps: Vec<Part> = (0..n_parts).map(|_| Part::new(mesh)).collect();
+    let mut triangle = 0;
+    for (index, primitive) in mesh.primitives.iter().enumerate() {
+        for (local, vertices) in primitive.triangles.iter().enumerate() {
+            let owner = owners[triangle];
+            let spot = spots[triangle].or(borrowed[triangle]);
+            // Where there is no neighbour either, any place will do.
+            let spot = spot.unwrap_or(Spot {
+                part: 0,
+                corners: [DVec2::NAN; 3],
+            });
+            if let Some(part) = unwraps.get_mut(spot.part) {
+                part.add(index, local as u32, *vertices, owner, spot.corners);
             }
+            triangle += 1;
         }
-        parts.into_iter().map(|part| part.finish(group)).collect()
     }
-
-    fn first_vertex(&self, mesh: &Mesh, primitive: usize) -> u32 {
-        mesh.primitives[..primitive]
-            .iter()
-            .map(|primitive| primitive.positions.len() as u32)
-            .sum()
-    }
+    unwraps.into_iter().map(|part| part.finish(group)).collect()
 }
 
 /// An [`Unwrap`] in the making.
 struct Part {
     primitives: Vec<UnwrappedPrimitive>,
-    /// New vertex of each vertex of xatlas, with and without a place.
-    vertices: [Vec<u32>; 2],
-    /// Number of each chart of xatlas in this part.
-    charts: std::collections::BTreeMap<u32, u32>,
+    /// New vertex by primitive, source vertex and place.
+    vertices: BTreeMap<(usize, u32, [u64; 2]), u32>,
+    /// Number in this part of each chart of the mesh.
+    charts: BTreeMap<u32, u32>,
 }
 
 impl Part {
-    fn new(mesh: &Mesh, output: &Output) -> Self {
+    fn new(mesh: &Mesh) -> Self {
         Self {
             primitives: mesh
                 .primitives
                 .iter()
                 .map(|_| UnwrappedPrimitive::default())
                 .collect(),
-            vertices: [(); 2].map(|()| vec![u32::MAX; output.vertices.len()]),
-            charts: std::collections::BTreeMap::new(),
+            vertices: BTreeMap::new(),
+            charts: BTreeMap::new(),
         }
     }
 
-    /// Adds `(triangle of the mesh, triangle of the primitive)`.
     fn add(
         &mut self,
-        flat: &Flat,
         primitive: usize,
-        first_vertex: u32,
-        (triangle, local): (usize, usize),
-        chart: Option<u32>,
+        triangle: u32,
+        vertices: [u32; 3],
+        chart: u32,
+        corners: [DVec2; 3],
     ) {
         let unwrapped = &mut self.primitives[primitive];
-        let known = &mut self.vertices[usize::from(chart.is_none())];
-        let corners = flat.corners(triangle).map(|corner| {
-            let vertex = &mut known[corner as usize];
-            if *vertex == u32::MAX {
-                let copied = &flat.output.vertices[corner as usize];
-                *vertex = unwrapped.source_vertices.len() as u32;
-                unwrapped.source_vertices.push(copied.source - first_vertex);
-                let [u, v] = copied.texcoord;
-                unwrapped.texcoords.push(if chart.is_some() {
-                    DVec2::new(f64::from(u), f64::from(v))
-                } else {
-                    DVec2::NAN
-                });
-            }
-            *vertex
-        });
+        let mut new = [0; 3];
+        for corner in 0..3 {
+            let place = corners[corner].to_array().map(f64::to_bits);
+            let key = (primitive, vertices[corner], place);
+            new[corner] = *self.vertices.entry(key).or_insert_with(|| {
+                unwrapped.source_vertices.push(vertices[corner]);
+                unwrapped.texcoords.push(corners[corner]);
+                unwrapped.source_vertices.len() as u32 - 1
+            });
+        }
+        unwrapped.triangles.push(new);
+        unwrapped.source_triangles.push(triangle);
         let next = self.charts.len() as u32;
-        unwrapped.triangles.push(corners);
-        unwrapped.source_triangles.push(local as u32);
-        unwrapped
-            .charts
-            .push(chart.map_or(NO_CHART, |chart| *self.charts.entry(chart).or_insert(next)));
+        unwrapped.charts.push(if chart == NO_CHART {
+            NO_CHART
+        } else {
+            *self.charts.entry(chart).or_insert(next)
+        });
     }
 
     /// Moves the rectangle to the origin and cuts it to the texels that are read.

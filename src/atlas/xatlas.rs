@@ -12,6 +12,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
+use glam::DVec2;
 use xatlas_rs::{ChartOptions, IndexData, MeshData, MeshDecl, PackOptions, Xatlas};
 
 use crate::error::{Error, Result};
@@ -32,37 +33,29 @@ pub(super) struct Input {
     pub(super) patches: Vec<u32>,
     /// Texels per unit of the positions.
     pub(super) texels_per_unit: f32,
-    /// Longest boundary of a chart in units.
+    /// Longest boundary of a chart in units. Flat regions with sharp edges all around are not held to it.
     pub(super) max_boundary: f32,
-    /// Texels that the surface covers, about.
-    pub(super) area: f64,
-    /// Side of a page in texels.
-    pub(super) page: u32,
-    /// Texels that each chart keeps free around the texels that are read on it.
-    pub(super) margin: u32,
+    /// Charts wider or higher than this many texels are made smaller.
+    pub(super) max_chart: u32,
 }
 
 /// Vertex of a chart.
 pub(super) struct Vertex {
-    /// Page it lies on; `None` when its triangles got no place.
-    pub(super) page: Option<usize>,
-    /// Chart, over all pages.
-    pub(super) chart: u32,
-    /// Texels from the top left corner of its page.
-    pub(super) texcoord: [f32; 2],
-    /// The vertex of the input it copies.
-    pub(super) source: u32,
+    /// Its chart; `None` when its triangles got no place.
+    pub(super) chart: Option<u32>,
+    /// Texels. Charts lie somewhere in the first quadrant; they may overlap where they have no area.
+    pub(super) texcoord: DVec2,
 }
 
-/// Charts of a mesh, packed.
+/// Charts of a mesh.
 pub(super) struct Output {
     /// Vertices of all charts.
     pub(super) vertices: Vec<Vertex>,
-    /// Three per triangle of the input, in its order.
-    pub(super) indices: Vec<u32>,
+    /// For each triangle of the input, in its order, the vertices that copy its own.
+    pub(super) triangles: Vec<[u32; 3]>,
 }
 
-/// Cuts a mesh into charts and packs them. `None` when xatlas refuses the mesh, or its thread died.
+/// Cuts a mesh into charts and flattens them. `None` when xatlas refuses the mesh, or its thread died.
 ///
 /// # Errors
 /// `Interrupted` when `cancelled` returns true meanwhile.
@@ -127,25 +120,14 @@ fn run(input: &Input, deliver: impl FnOnce(Option<Output>)) {
         max_boundary_length: input.max_boundary,
         ..ChartOptions::default()
     });
-    // A page of its own size wastes nothing on small meshes; it is not tried where it would be thrown away.
-    let page = input.page as f64;
-    let free = PackOptions {
-        padding: input.margin,
+    // Charts come out flat from the packing only. Its result is not used: it reserves nothing for charts without area, tries places at
+    // random, and cannot be cut at pages; so it does without padding.
+    xatlas.pack_charts(&PackOptions {
+        max_chart_size: input.max_chart,
         texels_per_unit: input.texels_per_unit,
-        bilinear: true,
+        bilinear: false,
         ..PackOptions::default()
-    };
-    let mut packed = false;
-    if input.area < 0.6 * page * page {
-        xatlas.pack_charts(&free);
-        packed = xatlas.width() <= input.page && xatlas.height() <= input.page;
-    }
-    if !packed {
-        xatlas.pack_charts(&PackOptions {
-            resolution: input.page,
-            ..free
-        });
-    }
+    });
     deliver(read(&xatlas, input));
 }
 
@@ -161,17 +143,17 @@ fn read(xatlas: &Xatlas<'_>, input: &Input) -> Option<Output> {
     let vertices = mesh
         .vertex_array
         .iter()
-        .map(|vertex| Vertex {
-            page: usize::try_from(vertex.atlas_index)
-                .ok()
-                .filter(|_| vertex.uv.iter().all(|x| x.is_finite())),
-            chart: vertex.chart_index as u32,
-            texcoord: vertex.uv,
-            source: vertex.xref,
+        .map(|vertex| {
+            let texcoord = DVec2::from_array(vertex.uv.map(f64::from));
+            let chart = u32::try_from(vertex.chart_index).ok();
+            Vertex {
+                chart: chart.filter(|_| texcoord.is_finite()),
+                texcoord,
+            }
         })
         .collect();
     Some(Output {
         vertices,
-        indices: mesh.index_array.to_vec(),
+        triangles: mesh.index_array.as_chunks().0.to_vec(),
     })
 }

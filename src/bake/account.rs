@@ -9,7 +9,7 @@ use crate::lights::Lights;
 use crate::output::PageFiles;
 use crate::scene::Scene;
 use crate::texels::Texels;
-use crate::transport::{Counters, Estimator};
+use crate::transport::Counters;
 
 /// Sums over the pages of a bake.
 pub(super) struct Account {
@@ -185,9 +185,7 @@ fn options_json(options: &Options) -> Value {
         "padding": options.atlas.padding,
         "uv": format!("{:?}", options.atlas.uv).to_lowercase(),
         "tolerance": options.tolerance,
-        "estimator": match options.transport.estimator {
-            Estimator::Sampled => "sampled",
-        },
+        "estimator": options.transport.estimator,
         "samples": options.transport.samples,
         "directional": options.directional,
         "float": options.float,

@@ -15,9 +15,14 @@ use crate::error::Warnings;
 use crate::math;
 use crate::scene::Scene;
 
-/// Parts per side for sampling a piece. Fewer than the least see no small detail in a piece of few texels; more than the most cost
-/// seconds for large pictures and gain little, since the halves of a piece are sampled as finely again.
-const PARTS: (f64, f64) = (4.0, 64.0);
+/// Fewest parts per side for sampling a piece: fewer see no detail in a piece of few texels.
+const FEWEST_PARTS: f64 = 4.0;
+
+/// Most parts per side of a whole triangle: fewer may miss a small bright spot in a large picture altogether, more cost seconds.
+const MOST_PARTS: f64 = 64.0;
+
+/// Most parts per side of a half: what is in it is known to vary, and its own halves are sampled as finely again.
+const MOST_PARTS_OF_HALF: f64 = 32.0;
 
 /// A piece smaller than this many texels is not halved any more: within a texel there is no detail.
 const SMALLEST: f64 = 1.0;
@@ -218,7 +223,12 @@ fn halves(scene: &Scene, draft: &Draft) -> [Draft; 2] {
 /// `draft` with its emission measured.
 fn sampled(scene: &Scene, mut draft: Draft) -> Draft {
     draft.texels = emission::texels_across(scene, draft.triangle, &draft.corners);
-    let parts = (2.0 * draft.texels).ceil().clamp(PARTS.0, PARTS.1) as u32;
+    let most = if draft.part {
+        MOST_PARTS_OF_HALF
+    } else {
+        MOST_PARTS
+    };
+    let parts = (2.0 * draft.texels).ceil().clamp(FEWEST_PARTS, most) as u32;
     let samples = barycentric_parts(parts, draft.triangle).map(|(index, weights)| {
         let weights = [0, 1, 2].map(|k| (0..3).map(|j| weights[j] * draft.corners[j][k]).sum());
         (index, emission::at(scene, draft.triangle, weights))

@@ -1,12 +1,12 @@
-//! Tiles × lights: which pairs need a look, which a closed form, which shadow rays.
+//! Tiles × lights: looks at each pair in turn and adds up what every receiver sees.
 
 use glam::{DMat3, DVec3};
 
-use super::contour::Sums;
-use super::source::{Source, Surface};
-use super::{Counters, Options, Receiver, Sample, sampled};
+use super::pair::{Pair, Part, Scratch};
+use super::source::Source;
+use super::{Counters, Options, Receiver, Sample};
 use crate::lights::Lights;
-use crate::visibility::{Occluders, Shaft};
+use crate::visibility::Occluders;
 
 /// Evaluates the light of all `lights` at points that lie close together (a tile).
 ///
@@ -23,7 +23,7 @@ pub fn gather(
         ..Counters::default()
     };
     let mut totals = vec![Total::default(); tile.len()];
-    let mut pieces = Vec::new();
+    let mut scratch = Scratch::default();
     for (index, polygon) in lights.polygons.iter().enumerate() {
         let source = Source::new(polygon);
         counters.pairs += 1;
@@ -34,32 +34,19 @@ pub fn gather(
             counters.pairs_facing_away += 1;
             continue;
         }
-        let occluded = may_be_occluded(&source, lit.iter().map(|&place| &tile[place]), occluders);
-        let surface = occluded.then(|| Surface::new(polygon));
-        counters.pairs_sampled += u64::from(occluded);
-        counters.pairs_unoccluded += u64::from(!occluded);
+        let receivers: Vec<Receiver> = lit.iter().map(|&place| tile[place]).collect();
+        let pair = Pair::new(
+            source,
+            index as u64,
+            &receivers,
+            occluders,
+            options,
+            &mut counters,
+        );
         for place in lit {
-            let receiver = &tile[place];
-            let gradients = options.gradients && !occluded;
-            let Some(whole) = source.unoccluded(receiver, gradients, &mut pieces) else {
-                continue;
-            };
-            let total = &mut totals[place];
-            if let Some(surface) = &surface {
-                let part = sampled::estimate(
-                    &source,
-                    surface,
-                    receiver,
-                    &whole,
-                    index as u64,
-                    options.samples,
-                    occluders,
-                );
-                total.add(&part.sums, polygon.radiance, part.error);
-                total.sample.rays += part.rays;
+            if let Some(part) = pair.evaluate(&tile[place], &mut scratch) {
                 counters.shadow_rays += u64::from(part.rays);
-            } else {
-                total.add(&whole.sums, polygon.radiance, 0.0);
+                totals[place].add(&part, polygon.radiance);
             }
         }
     }
@@ -68,22 +55,6 @@ pub fn gather(
         .map(|total| total.finish(options.gradients))
         .collect();
     (samples, counters)
-}
-
-/// Whether anything but the light itself may stand between the light and one of the receivers.
-fn may_be_occluded<'a>(
-    source: &Source<'_>,
-    receivers: impl Iterator<Item = &'a Receiver>,
-    occluders: &Occluders<'_>,
-) -> bool {
-    let polygon = source.polygon;
-    let receivers: Vec<_> = receivers
-        .map(|receiver| (receiver.position, receiver.normal))
-        .collect();
-    let vertices: Vec<DVec3> = polygon.contours.iter().flatten().copied().collect();
-    let shaft = Shaft::new(&receivers, &vertices, polygon.normal);
-    let ignore = |triangle: u32| polygon.surface.binary_search(&triangle).is_ok();
-    !occluders.in_shaft(&shaft, &ignore).is_empty()
 }
 
 /// A sample as it adds up.
@@ -104,9 +75,11 @@ impl Default for Total {
 }
 
 impl Total {
-    /// Adds a light of `radiance` nit; `error` is the standard error of its irradiance per unit radiance.
-    fn add(&mut self, sums: &Sums, radiance: DVec3, error: f64) {
+    /// Adds what is seen of a light of `radiance` nit.
+    fn add(&mut self, part: &Part, radiance: DVec3) {
+        let sums = &part.sums;
         let sample = &mut self.sample;
+        sample.rays += part.rays;
         for channel in 0..3 {
             let radiance = radiance[channel];
             sample.g[channel] += sums.g * radiance;
@@ -119,7 +92,7 @@ impl Total {
         let brightest = radiance.max_element();
         sample.has_gradient &= sums.has_gradient;
         sample.error += sums.rounding * brightest;
-        self.variance += (error * brightest).powi(2);
+        self.variance += (part.error * brightest).powi(2);
     }
 
     fn finish(self, gradients: bool) -> Sample {

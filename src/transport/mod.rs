@@ -2,12 +2,16 @@
 //!
 //! [`gather()`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
 //! outline ([`contour`]; `distant` for lights small for their distance), clipped to the horizon (`clip`), exact to rounding. Elsewhere
-//! shadow rays say how much of it is seen (`sampled`).
+//! (`pair` decides) the outlines of the occluders (`outline`) are clipped against it (`exact`), which is as exact, or shadow rays say how
+//! much of it is seen (`sampled`).
 
 mod clip;
 pub mod contour;
 mod distant;
+mod exact;
 mod gather;
+mod outline;
+mod pair;
 mod sampled;
 mod source;
 
@@ -21,7 +25,7 @@ use crate::lights::Polygon;
 /// How light is evaluated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Which estimator handles partly hidden lights.
+    /// Which estimator handles partly hidden lights. Default: [`Estimator::Auto`].
     pub estimator: Estimator,
     /// Shadow rays per point and partly hidden light of [`Estimator::Sampled`]. Range: 1..=65536. Default: 64.
     pub samples: u32,
@@ -32,7 +36,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            estimator: Estimator::Sampled,
+            estimator: Estimator::Auto,
             samples: 64,
             gradients: true,
         }
@@ -41,8 +45,13 @@ impl Default for Options {
 
 /// How the visible part of a light is integrated where something may stand in the way. Lights that nothing can hide always take the
 /// closed form.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Estimator {
+    /// Exact contours, except where a masked occluder makes them wrong or very many edges make them dearer than rays.
+    Auto,
+    /// The contour of the visible part, clipped exactly; no rays, noise-free, with derivatives. Lights behind masked occluders are sampled.
+    Exact,
     /// Stratified shadow rays over the light's area, weighted so that fully visible lights stay exact. Gives no derivative.
     Sampled,
 }
@@ -109,6 +118,10 @@ pub struct Counters {
     pub pairs_facing_away: u64,
     /// Pairs with an empty shaft: closed form, no ray.
     pub pairs_unoccluded: u64,
+    /// Pairs whose visible contour was clipped exactly.
+    pub pairs_exact: u64,
+    /// Candidate silhouette edges of those pairs.
+    pub edges: u64,
     /// Pairs that were sampled.
     pub pairs_sampled: u64,
 }
@@ -121,6 +134,8 @@ impl Counters {
         self.pairs += other.pairs;
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
+        self.pairs_exact += other.pairs_exact;
+        self.edges += other.edges;
         self.pairs_sampled += other.pairs_sampled;
     }
 }

@@ -16,21 +16,10 @@ use glam::DVec3;
 
 use super::Receiver;
 use super::contour::Sums;
+use super::pair::Part;
 use super::source::{Source, Surface, Unoccluded};
 use crate::math;
 use crate::visibility::Visibility;
-
-/// The visible part of a light, per unit radiance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Estimate {
-    /// Without derivatives.
-    pub(super) sums: Sums,
-    /// Standard error of the irradiance at the receiver's own normal, steradians. 0 where all points agree: that proves nothing about
-    /// what lies between them.
-    pub(super) error: f64,
-    /// Rays cast.
-    pub(super) rays: u32,
-}
 
 /// Estimates what `receiver` sees of `source`, whose unoccluded light is `whole`, by `samples` points of which those above the horizon
 /// cast a ray each.
@@ -44,7 +33,7 @@ pub(super) fn estimate<V: Visibility + ?Sized>(
     light: u64,
     samples: u32,
     visibility: &V,
-) -> Estimate {
+) -> Part {
     let ignore = |triangle: u32| source.polygon.surface.binary_search(&triangle).is_ok();
     let sees = |point: DVec3| !visibility.occluded(receiver.position, point, &ignore);
 
@@ -80,7 +69,7 @@ pub(super) fn estimate<V: Visibility + ?Sized>(
     let irradiance = g.dot(receiver.normal).max(0.0);
     let ratio = irradiance / total;
     let visible = seen.g.dot(receiver.normal) / total;
-    Estimate {
+    Part {
         sums: Sums {
             g: seen.g * ratio + (g - all.g * ratio) * visible,
             phi: whole.sums.phi * (seen.phi / all.phi),
@@ -92,9 +81,9 @@ pub(super) fn estimate<V: Visibility + ?Sized>(
 }
 
 /// What is left when no point lies above the horizon although some of the light does: all or nothing, by one ray.
-fn one_ray(whole: &Unoccluded, receiver: &Receiver, visible: bool, rays: u32) -> Estimate {
+fn one_ray(whole: &Unoccluded, receiver: &Receiver, visible: bool, rays: u32) -> Part {
     let sums = if visible { whole.sums } else { Sums::DARK };
-    Estimate {
+    Part {
         sums: sums.without_gradient(),
         error: 0.5 * whole.sums.g.dot(receiver.normal).max(0.0),
         rays,

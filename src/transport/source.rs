@@ -53,6 +53,11 @@ impl<'a> Source<'a> {
         }
     }
 
+    /// A point of the light's plane, world metres.
+    pub(super) fn point(&self) -> DVec3 {
+        self.plane.point
+    }
+
     /// Whether `receiver` sees any of the light when nothing stands in the way.
     pub(super) fn shines_on(&self, receiver: &Receiver) -> bool {
         let horizon = horizon_of(receiver);
@@ -81,15 +86,6 @@ impl<'a> Source<'a> {
         gradients: bool,
         pieces: &mut Vec<Piece>,
     ) -> Option<Unoccluded> {
-        let height = self.height(receiver.position);
-        if height == 0.0 {
-            return None;
-        }
-        let direction = if height > 0.0 {
-            Direction::Reversed
-        } else {
-            Direction::Stored
-        };
         let centre = self.centre - receiver.position;
         let is_distant = centre.length() > distant::MIN_RADII * self.radius;
         // Differences of nearby positions are exact; those of positions far apart are not.
@@ -98,15 +94,7 @@ impl<'a> Source<'a> {
         } else {
             receiver.position
         };
-        pieces.clear();
-        clip::outline(
-            &self.polygon.contours,
-            direction,
-            &horizon_of(receiver),
-            origin,
-            pieces,
-        );
-        if pieces.is_empty() {
+        if !self.outline(receiver, origin, pieces) {
             return None;
         }
         let sums = if is_distant {
@@ -119,6 +107,33 @@ impl<'a> Source<'a> {
             sums,
             middle: origin + starts / pieces.len() as f64,
         })
+    }
+
+    /// Replaces `pieces` by the light's outline above the receiver's horizon, relative to `origin`; false when nothing of it shines there.
+    pub(super) fn outline(
+        &self,
+        receiver: &Receiver,
+        origin: DVec3,
+        pieces: &mut Vec<Piece>,
+    ) -> bool {
+        pieces.clear();
+        let height = self.height(receiver.position);
+        if height == 0.0 {
+            return false;
+        }
+        let direction = if height > 0.0 {
+            Direction::Reversed
+        } else {
+            Direction::Stored
+        };
+        clip::outline(
+            &self.polygon.contours,
+            direction,
+            &horizon_of(receiver),
+            origin,
+            pieces,
+        );
+        !pieces.is_empty()
     }
 }
 

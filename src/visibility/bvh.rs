@@ -11,6 +11,7 @@
 //! IEEE TVCG 24(3), 2018.
 
 use std::ops::Range;
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use glam::DVec3;
@@ -22,7 +23,7 @@ use obvhs::ray::{Ray, RayHit};
 
 use super::surface;
 use super::triangle::{self, Line};
-use super::{Hit, Shaft, Visibility};
+use super::{Edges, Hit, Shaft, Visibility};
 use crate::math::Aabb;
 use crate::scene::Scene;
 
@@ -39,6 +40,10 @@ const FAR: f64 = 2.0;
 /// Half side of the cube to which far rays are moved: larger than the scene with its padding, smaller than [`FAR`].
 const ENTRY: f64 = 1.5;
 
+/// Up to this many triangles in a shaft are examined more closely. It is emptiness that counts: a shaft of many triangles hardly
+/// becomes empty, and looking closely costs about as much as finding a triangle.
+const FEW: usize = 32;
+
 /// The occluding triangles of a scene.
 #[derive(Debug)]
 pub struct Occluders<'a> {
@@ -53,6 +58,7 @@ pub struct Occluders<'a> {
     vertices: Vec<[DVec3; 3]>,
     /// Index in [`Scene::triangles`] for each of `vertices`.
     ids: Vec<u32>,
+    edges: OnceLock<Edges>,
 }
 
 /// `Bvh2` with a `Debug` that does not print a million nodes.
@@ -107,12 +113,25 @@ impl<'a> Occluders<'a> {
         Self {
             scene,
             masked: surface::has_mask(scene),
+            edges: OnceLock::new(),
             frame,
             bvh: Tree(bvh),
             entries,
             vertices: ids.iter().map(|&id| vertices_of(id)).collect(),
             ids,
         }
+    }
+
+    /// Whether alpha decides where `triangle` (an index in `Scene::triangles`) stops light.
+    #[must_use]
+    pub fn is_masked(&self, triangle: u32) -> bool {
+        self.masked && surface::is_masked(self.scene, triangle)
+    }
+
+    /// The welded edges of all triangles of the scene; built when first asked for.
+    #[must_use]
+    pub fn edges(&self) -> &Edges {
+        self.edges.get_or_init(|| Edges::build(self.scene))
     }
 
     /// Triangles that may stand in `shaft`, those accepted by `ignore` excepted, ascending. Never misses one that does.
@@ -145,6 +164,9 @@ impl<'a> Occluders<'a> {
                 stack.push((first + 1, planes));
                 stack.push((first, planes));
             }
+        }
+        if found.len() <= FEW {
+            found.retain(|&id| shaft.reaches_inside(&self.scene.triangles[id as usize].vertices));
         }
         found.sort_unstable();
         found

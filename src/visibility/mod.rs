@@ -5,6 +5,7 @@
 
 mod brute;
 mod bvh;
+mod edges;
 mod shaft;
 mod surface;
 mod triangle;
@@ -13,6 +14,7 @@ use glam::DVec3;
 
 pub use self::brute::BruteForce;
 pub use self::bvh::Occluders;
+pub use self::edges::Edges;
 pub use self::shaft::Shaft;
 
 /// The nearest surface along a ray.

@@ -21,6 +21,9 @@ const SLACK: f64 = 1024.0 * f64::EPSILON;
 /// than they reject.
 const MAX_EDGES: usize = 12;
 
+/// Planes with a larger product of unit normals than this count as one: the second would cut off nothing worth its cost.
+const SAME: f64 = 1.0 - 1e-6;
+
 /// Convex region that holds every segment from a receiver to a light polygon, as far as it matters: above the horizons of the
 /// receivers and in front of the light.
 #[derive(Clone, Debug)]
@@ -30,9 +33,12 @@ pub struct Shaft {
     /// Half-spaces that hold receivers and light.
     planes: Vec<HalfSpace>,
     bounds: Aabb,
-    positions: Aabb,
+    /// Box of the receivers.
+    places: Aabb,
     /// Box of the receivers' normals.
     normals: Aabb,
+    /// Whether one of `planes` is the horizon of all receivers.
+    flat: bool,
     /// Metres by which anything may be off.
     slack: f64,
 }
@@ -48,8 +54,8 @@ struct HalfSpace {
 pub(super) struct Cull {
     planes: Vec<HalfSpace>,
     bounds: Aabb,
-    positions: Aabb,
-    normals: Aabb,
+    /// Boxes of positions and normals of receivers that are not flat.
+    horizons: Option<(Aabb, Aabb)>,
 }
 
 impl Shaft {
@@ -59,16 +65,17 @@ impl Shaft {
     /// plane. Without receivers or light the shaft holds nothing.
     #[must_use]
     pub fn new(receivers: &[(DVec3, DVec3)], light: &[DVec3], light_normal: DVec3) -> Self {
-        let positions = Aabb::from_points(receivers.iter().map(|receiver| receiver.0));
-        let bounds = positions.union(Aabb::from_points(light.iter().copied()));
+        let places = Aabb::from_points(receivers.iter().map(|receiver| receiver.0));
+        let bounds = places.union(Aabb::from_points(light.iter().copied()));
         let slack = SLACK * (bounds.largest_coordinate() + bounds.diagonal());
         let mut shaft = Self {
             receivers: receivers.to_vec(),
             light: light.to_vec(),
             planes: Vec::with_capacity(24),
             bounds: grown(bounds, slack),
-            positions,
+            places,
             normals: Aabb::from_points(receivers.iter().map(|receiver| receiver.1)),
+            flat: false,
             slack,
         };
         if receivers.is_empty() || light.is_empty() {
@@ -90,8 +97,33 @@ impl Shaft {
         let box_of = Aabb::from_points(*triangle);
         overlap(&box_of, &self.bounds)
             && !self.planes.iter().any(outside)
+            && (self.flat || self.rises_over_a_horizon(triangle))
             && self.is_cut_by(&Plane::new(triangle))
-            && self.rises_over_a_horizon(triangle)
+    }
+
+    /// Whether some part of `triangle` lies within all planes, by cutting off what does not (I. Sutherland and G. Hodgman, "Reentrant
+    /// polygon clipping", CACM 17(1), 1974). Rejects triangles that pass by a corner, which no plane alone does; slower.
+    pub(super) fn reaches_inside(&self, triangle: &[DVec3; 3]) -> bool {
+        let mut polygon = triangle.to_vec();
+        for plane in &self.planes {
+            let height = |vertex: DVec3| plane.normal.dot(vertex) - plane.offset;
+            let mut kept = Vec::with_capacity(polygon.len() + 1);
+            for (index, &b) in polygon.iter().enumerate() {
+                let a = polygon[(index + polygon.len() - 1) % polygon.len()];
+                let (from, to) = (height(a), height(b));
+                if (from > 0.0) != (to > 0.0) {
+                    kept.push(a + from / (from - to) * (b - a));
+                }
+                if to <= 0.0 {
+                    kept.push(b);
+                }
+            }
+            polygon = kept;
+            if polygon.is_empty() {
+                return false;
+            }
+        }
+        overlap(&Aabb::from_points(polygon), &self.bounds)
     }
 
     /// The shaft in coordinates (x − `centre`) · `scale`.
@@ -110,21 +142,16 @@ impl Shaft {
                 })
                 .collect(),
             bounds: moved(&self.bounds),
-            positions: moved(&self.positions),
-            normals: self.normals,
+            horizons: (!self.flat).then(|| (moved(&self.places), self.normals)),
         }
     }
 
     /// Whether receivers and light lie on both sides of `plane`.
     fn is_cut_by(&self, plane: &Plane) -> bool {
         let extent = self.bounds.largest_coordinate();
-        let points = self
-            .receivers
-            .iter()
-            .map(|receiver| receiver.0)
-            .chain(self.light.iter().copied());
         let (mut front, mut back) = (false, false);
-        for point in points {
+        // The light first: most planes that cut at all run between it and the receivers.
+        for point in self.light.iter().copied().chain(self.positions()) {
             match plane.side_strictly(point, extent) {
                 Side::Front => front = true,
                 Side::Back => back = true,
@@ -151,10 +178,15 @@ impl Shaft {
         let Some(normal) = normal.try_normalize() else {
             return;
         };
-        let farthest = self
-            .receivers
+        if self
+            .planes
             .iter()
-            .map(|receiver| receiver.0)
+            .any(|plane| plane.normal.dot(normal) > SAME)
+        {
+            return;
+        }
+        let farthest = self
+            .positions()
             .chain(self.light.iter().copied())
             .map(|point| normal.dot(point))
             .fold(f64::NEG_INFINITY, f64::max);
@@ -164,29 +196,29 @@ impl Shaft {
         });
     }
 
-    /// Below the common horizon of flat receivers nothing matters, even if the light reaches there.
+    /// On and below the lowest of parallel horizons nothing matters, even if the light reaches there.
     fn bound_by_horizon(&mut self) {
         let normal = self.receivers[0].1;
+        let heights = Span::of(self.positions().map(|position| normal.dot(position)));
         if self.receivers.iter().all(|receiver| receiver.1 == normal) {
-            let lowest = self
-                .receivers
-                .iter()
-                .map(|receiver| normal.dot(receiver.0))
-                .fold(f64::INFINITY, f64::min);
             self.planes.push(HalfSpace {
                 normal: -normal,
-                offset: self.slack - lowest,
+                offset: -heights.low - self.slack,
             });
+            self.flat = heights.high - heights.low <= self.slack;
         }
+    }
+
+    fn positions(&self) -> impl Iterator<Item = DVec3> {
+        self.receivers.iter().map(|receiver| receiver.0)
     }
 
     /// The light's plane, and planes through its edges that lean on the receivers.
     fn bound_by_light(&mut self, light_normal: DVec3) {
         let corner = self.light[0];
         let heights = Span::of(
-            self.receivers
-                .iter()
-                .map(|receiver| light_normal.dot(receiver.0 - corner)),
+            self.positions()
+                .map(|position| light_normal.dot(position - corner)),
         );
         let normal = if heights.low > self.slack {
             light_normal
@@ -196,15 +228,16 @@ impl Shaft {
             return;
         };
         self.bound(-normal);
+        let closeness: Vec<f64> = self
+            .positions()
+            .map(|position| normal.dot(position - corner).recip())
+            .collect();
         for (point, outwards) in outline(&self.light, normal) {
             // Steepest line of sight over this edge: u is the distance beyond it, w the height above the light.
             let slope = self
-                .receivers
-                .iter()
-                .map(|receiver| {
-                    let offset = receiver.0 - point;
-                    outwards.dot(offset) / normal.dot(offset)
-                })
+                .positions()
+                .zip(&closeness)
+                .map(|(position, closeness)| outwards.dot(position - point) * closeness)
                 .fold(f64::NEG_INFINITY, f64::max);
             self.bound(outwards - slope * normal);
         }
@@ -212,7 +245,7 @@ impl Shaft {
 
     /// Planes through edges of the receivers' box that lean on the light, each parallel to one axis.
     fn bound_by_receivers(&mut self) {
-        let box_of = self.positions;
+        let box_of = self.places;
         let light = if self.light.len() <= MAX_EDGES {
             self.light.clone()
         } else {
@@ -272,12 +305,15 @@ impl Cull {
 
     /// Whether normal · (x − position) ≤ 0 for every x in the node and every receiver, by interval arithmetic.
     fn below_all_horizons(&self, node: &Aabb) -> bool {
-        let low = node.min - self.positions.max;
-        let high = node.max - self.positions.min;
-        let highest = (self.normals.min * low)
-            .max(self.normals.min * high)
-            .max(self.normals.max * low)
-            .max(self.normals.max * high);
+        let Some((places, normals)) = &self.horizons else {
+            return false;
+        };
+        let low = node.min - places.max;
+        let high = node.max - places.min;
+        let highest = (normals.min * low)
+            .max(normals.min * high)
+            .max(normals.max * low)
+            .max(normals.max * high);
         highest.element_sum() <= 0.0
     }
 }

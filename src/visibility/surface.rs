@@ -24,6 +24,12 @@ pub(super) fn has_mask(scene: &Scene) -> bool {
         .any(|material| matches!(material.alpha, Alpha::Mask { .. }))
 }
 
+/// Whether alpha decides where `triangle` stops light.
+pub(super) fn is_masked(scene: &Scene, triangle: u32) -> bool {
+    let material = scene.triangles[triangle as usize].material;
+    matches!(scene.materials[material as usize].alpha, Alpha::Mask { .. })
+}
+
 /// Whether `triangle` stops light where a line crosses it.
 pub(super) fn stops(scene: &Scene, triangle: u32, crossing: &Crossing) -> bool {
     let material = scene.triangles[triangle as usize].material;

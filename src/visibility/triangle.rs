@@ -53,6 +53,8 @@ pub(super) struct Plane {
     corner: DVec3,
     /// Twice the area times the unit front normal.
     area_vector: DVec3,
+    /// Its length.
+    area: f64,
     /// Product of the two edge lengths that span it.
     spread: f64,
     /// Largest coordinate of the vertices.
@@ -132,9 +134,11 @@ impl Plane {
     pub(super) fn new(triangle: &[DVec3; 3]) -> Self {
         let [a, b, c] = *triangle;
         let (ab, ac) = (b - a, c - a);
+        let area_vector = ab.cross(ac);
         Self {
             corner: a,
-            area_vector: ab.cross(ac),
+            area_vector,
+            area: area_vector.length(),
             spread: (ab.length_squared() * ac.length_squared()).sqrt(),
             extent: a.abs().max(b.abs()).max(c.abs()).max_element(),
         }
@@ -143,13 +147,17 @@ impl Plane {
     /// On which side `point` lies; `extent` is the largest coordinate of anything that was used to place it.
     #[inline]
     pub(super) fn side(&self, point: DVec3, extent: f64) -> Side {
-        self.side_within(point, extent, ROUNDING)
+        let offset = point - self.corner;
+        self.side_within(offset, self.tolerance(ROUNDING, offset.length(), extent))
     }
 
-    /// On which side `point` lies, with an eighth of the tolerance of [`Plane::side`]: points that all lie on one side this way have
-    /// none between them that lies on the other side in the other way, although the tolerance depends on the point.
+    /// On which side `point` lies, with at most an eighth of the tolerance of [`Plane::side`]: points that all lie on one side this way
+    /// have none between them that lies on the other side in the other way, although the tolerance depends on the point.
+    #[inline]
     pub(super) fn side_strictly(&self, point: DVec3, extent: f64) -> Side {
-        self.side_within(point, extent, 0.125 * ROUNDING)
+        let offset = point - self.corner;
+        let distance = offset.abs().max_element();
+        self.side_within(offset, self.tolerance(0.125 * ROUNDING, distance, extent))
     }
 
     /// Whether `direction` runs towards the front (`Some(true)`), the back, or within the plane.
@@ -159,13 +167,8 @@ impl Plane {
         (height.abs() > tolerance).then_some(height > 0.0)
     }
 
-    #[inline]
-    fn side_within(&self, point: DVec3, extent: f64, rounding: f64) -> Side {
-        let offset = point - self.corner;
+    fn side_within(&self, offset: DVec3, tolerance: f64) -> Side {
         let height = self.area_vector.dot(offset);
-        // A sliver's plane is uncertain by `spread / |area_vector|` times more than that of an equilateral triangle.
-        let tolerance = rounding
-            * (self.spread * offset.length() + self.extent.max(extent) * self.area_vector.length());
         if height > tolerance {
             Side::Front
         } else if height < -tolerance {
@@ -173,6 +176,12 @@ impl Plane {
         } else {
             Side::On
         }
+    }
+
+    /// Rounding of a height times `area`. A sliver's plane is uncertain by `spread / area` times more than that of an equilateral
+    /// triangle, growing with the distance from the corner.
+    fn tolerance(&self, rounding: f64, distance: f64, extent: f64) -> f64 {
+        rounding * (self.spread * distance + self.extent.max(extent) * self.area)
     }
 }
 

@@ -91,6 +91,7 @@ fn random_unwrap(mesh: &Mesh, index: usize, rng: &mut Rng, part: [usize; 2]) -> 
     }
     let any = primitives.iter().any(|it| !it.triangles.is_empty());
     any.then_some(Unwrap {
+        texels_per_metre: 8.0,
         mesh: index,
         size,
         primitives,
@@ -109,7 +110,10 @@ pub(crate) fn pages(atlas: &Atlas) -> Vec<PageFiles> {
             maps: ["E", "Gr", "Gg", "Gb", "phi", "err", "preview"]
                 .map(|plane| MapFile {
                     plane: plane.to_owned(),
-                    file: format!("a b_lm{index}_{plane}.exr"),
+                    file: match plane {
+                        "preview" => format!("a b_lm{index}_{plane}.png"),
+                        _ => format!("a b_lm{index}_{plane}.exr"),
+                    },
                     precision: "half",
                     min: 0.0,
                     max: 1.0,
@@ -238,10 +242,9 @@ pub(crate) fn hard(folder: &Path) -> PathBuf {
         let positions = builder.positions(&[QUAD[0], QUAD[1], QUAD[3], QUAD[2]]);
         json!({"attributes": {"POSITION": positions}, "mode": 5, "material": 1})
     };
-    let points = {
-        let positions = builder.positions(&QUAD[..3]);
-        json!({"attributes": {"POSITION": positions}, "mode": 0, "material": 0})
-    };
+    let mut points = hidden.clone();
+    points["mode"] = 0.into();
+    points.as_object_mut().expect("object").remove("indices");
     let skinned = skinned_quad(&mut builder);
     let copies = copies(&mut builder);
     let times = builder.accessor(bytemuck::cast_slice(&[0.0_f32, 1.0]), (5126, "SCALAR"), 2);

@@ -57,7 +57,7 @@ The result has 44 columns, f64, a row per point in the order of FILE:
   gr_x gr_y .. gb_z      light vector per colour channel, world space, lux
   phi_r phi_g phi_b      fluence, lux
   jr_xx jr_xy .. jb_zz   jr_xy is the change of gr_x along y, lux per metre;
-                         nan where the estimator gives no derivative
+                         0 where the estimator gives no derivative (sampled light)
   error                  estimated absolute error of e, largest channel, lux
   rays                   shadow rays cast
 
@@ -200,10 +200,10 @@ impl General {
 #[derive(Debug, clap::Args)]
 pub(crate) struct Sampling {
     /// How lights that something may hide are integrated; the others take the closed form
-    #[arg(long, value_name = "NAME", default_value = "sampled")]
+    #[arg(long, value_name = "NAME", default_value = "auto")]
     estimator: EstimatorArg,
 
-    /// Shadow rays per point and partly hidden light [default: 64]
+    /// Shadow rays per point and partly hidden light, where light is sampled [default: 64]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole(1..=65536))]
     samples: Option<u32>,
 }
@@ -325,6 +325,10 @@ impl Preset {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum EstimatorArg {
+    /// Exact, except behind masked occluders and where very many edges make it dearer than rays
+    Auto,
+    /// The contour of the visible part, clipped exactly: no rays, no noise, with derivatives
+    Exact,
     /// Stratified shadow rays over the light's area
     Sampled,
 }
@@ -332,6 +336,8 @@ pub(crate) enum EstimatorArg {
 impl From<EstimatorArg> for Estimator {
     fn from(estimator: EstimatorArg) -> Self {
         match estimator {
+            EstimatorArg::Auto => Self::Auto,
+            EstimatorArg::Exact => Self::Exact,
             EstimatorArg::Sampled => Self::Sampled,
         }
     }

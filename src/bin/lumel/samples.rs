@@ -108,9 +108,7 @@ fn to_npy(receivers: &[Receiver], samples: &[Sample]) -> std::io::Result<Vec<u8>
     Ok(bytes)
 }
 
-/// The numbers of a point in the order of [`COLUMNS`].
-///
-/// Derivatives that the estimator did not give are NaN: a zero would say that the light does not change.
+/// The numbers of a point in the order of [`COLUMNS`]. Derivatives that the estimator did not give are zero.
 fn row(receiver: &Receiver, sample: &Sample) -> [f64; COLUMNS.len()] {
     let mut numbers = Vec::with_capacity(COLUMNS.len());
     numbers.extend(sample.irradiance(receiver.normal).to_array());
@@ -118,13 +116,7 @@ fn row(receiver: &Receiver, sample: &Sample) -> [f64; COLUMNS.len()] {
     numbers.extend(sample.phi);
     for j in &sample.j {
         for row in 0..3 {
-            numbers.extend(j.row(row).to_array().map(|number| {
-                if sample.has_gradient {
-                    number
-                } else {
-                    f64::NAN
-                }
-            }));
+            numbers.extend(j.row(row).to_array());
         }
     }
     numbers.push(sample.error);

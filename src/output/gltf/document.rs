@@ -105,13 +105,12 @@ impl Document {
     /// The bytes of the `.glb`.
     pub(super) fn into_container(mut self) -> Result<Vec<u8>> {
         self.append(&[]);
-        let buffer = self.json.shift_remove("buffers");
-        if !self.binary.is_empty() {
-            // The first buffer keeps what it carries besides its bytes, in its place.
-            let mut buffer = buffer
-                .as_ref()
-                .and_then(|buffers| buffers.get(0)?.as_object().cloned())
-                .unwrap_or_default();
+        if self.binary.is_empty() {
+            self.json.shift_remove("buffers");
+        } else {
+            // The first buffer keeps its place and what it carries besides its bytes.
+            let first = self.list("buffers").first().and_then(Value::as_object);
+            let mut buffer = first.cloned().unwrap_or_default();
             buffer.shift_remove("uri");
             for extension in COMPRESSION {
                 remove_extension(&mut buffer, extension);

@@ -1,0 +1,195 @@
+//! One light and one tile: how the visible part of the light is found there.
+
+use glam::DVec3;
+
+use super::contour::{self, Piece, Sums};
+use super::exact;
+use super::outline::Outline;
+use super::sampled;
+use super::source::{Source, Surface};
+use super::{Counters, Estimator, Options, Receiver};
+use crate::math::Aabb;
+use crate::visibility::{Occluders, Shaft};
+
+/// Candidate edges of a tile up to which [`Estimator::Auto`] clips. Exact clipping of n edges inside the light costs about as much as n
+/// shadow rays, so at 4096 it is as dear as the rays that a penumbra needs for one step of 255; a larger limit would let finely meshed
+/// foliage take a hundred times longer than it is worth.
+const MAX_EDGES: usize = 4096;
+
+/// What a receiver sees of a light, per unit radiance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Part {
+    /// Light vector, fluence and, where they are known, derivatives; `rounding` bounds the error where nothing is sampled.
+    pub(super) sums: Sums,
+    /// Standard error of the irradiance at the receiver's own normal, steradians. 0 where all samples agree: that proves nothing about
+    /// what lies between them.
+    pub(super) error: f64,
+    /// Rays cast.
+    pub(super) rays: u32,
+}
+
+/// Memory that evaluations reuse.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    borders: Vec<Piece>,
+    visible: Vec<Piece>,
+}
+
+/// A light and how it is looked at from one tile.
+#[derive(Debug)]
+pub(super) struct Pair<'a> {
+    source: Source<'a>,
+    light: u64,
+    way: Way<'a>,
+    occluders: &'a Occluders<'a>,
+    options: &'a Options,
+}
+
+#[derive(Debug)]
+enum Way<'a> {
+    /// Nothing can stand in between.
+    Open,
+    /// For receivers in front of the light and behind it.
+    Exact { front: Outline, back: Outline },
+    /// Shadow rays to points on the light.
+    Sampled(Surface<'a>),
+}
+
+impl<'a> Pair<'a> {
+    /// `light` is the index of the source; `receivers` are those that it shines on.
+    pub(super) fn new(
+        source: Source<'a>,
+        light: u64,
+        receivers: &[Receiver],
+        occluders: &'a Occluders<'a>,
+        options: &'a Options,
+        counters: &mut Counters,
+    ) -> Self {
+        let way = choose(&source, receivers, occluders, options);
+        match &way {
+            Way::Open => counters.pairs_unoccluded += 1,
+            Way::Exact { front, back } => {
+                counters.pairs_exact += 1;
+                counters.edges += (front.n_edges() + back.n_edges()) as u64;
+            }
+            Way::Sampled(_) => counters.pairs_sampled += 1,
+        }
+        Self {
+            source,
+            light,
+            way,
+            occluders,
+            options,
+        }
+    }
+
+    /// What `receiver` sees of the light; `None` when it would see nothing even with nothing in the way.
+    pub(super) fn evaluate(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Part> {
+        match &self.way {
+            Way::Open => {
+                let gradients = self.options.gradients;
+                let whole = self
+                    .source
+                    .unoccluded(receiver, gradients, &mut scratch.borders)?;
+                Some(Part {
+                    sums: whole.sums,
+                    error: 0.0,
+                    rays: 0,
+                })
+            }
+            Way::Exact { front, back } => self.clip(receiver, front, back, scratch),
+            Way::Sampled(surface) => {
+                let whole = self
+                    .source
+                    .unoccluded(receiver, false, &mut scratch.borders)?;
+                Some(sampled::estimate(
+                    &self.source,
+                    surface,
+                    receiver,
+                    &whole,
+                    self.light,
+                    self.options.samples,
+                    self.occluders,
+                ))
+            }
+        }
+    }
+
+    fn clip(
+        &self,
+        receiver: &Receiver,
+        front: &Outline,
+        back: &Outline,
+        scratch: &mut Scratch,
+    ) -> Option<Part> {
+        let Scratch { borders, visible } = scratch;
+        if !self.source.outline(receiver, receiver.position, borders) {
+            return None;
+        }
+        let normal = self.source.polygon.normal;
+        let (outline, away) = if self.source.height(receiver.position) > 0.0 {
+            (front, -normal)
+        } else {
+            (back, normal)
+        };
+        visible.clear();
+        let shift = exact::visible_contour(receiver.position, borders, away, outline, visible);
+        let mut sums = contour::sum(visible, receiver.normal, self.options.gradients);
+        sums.rounding += exact::rounding(visible, shift);
+        Some(Part {
+            sums,
+            error: 0.0,
+            rays: 0,
+        })
+    }
+}
+
+fn choose<'a>(
+    source: &Source<'a>,
+    receivers: &[Receiver],
+    occluders: &Occluders<'_>,
+    options: &Options,
+) -> Way<'a> {
+    let polygon = source.polygon;
+    let candidates = {
+        let planes: Vec<_> = receivers
+            .iter()
+            .map(|receiver| (receiver.position, receiver.normal))
+            .collect();
+        let vertices: Vec<DVec3> = polygon.contours.iter().flatten().copied().collect();
+        let shaft = Shaft::new(&planes, &vertices, polygon.normal);
+        let ignore = |triangle: u32| polygon.surface.binary_search(&triangle).is_ok();
+        occluders.in_shaft(&shaft, &ignore)
+    };
+    if candidates.is_empty() {
+        return Way::Open;
+    }
+    // A contour knows edges of triangles, not of what is painted on them.
+    let masked = candidates.iter().any(|id| occluders.is_masked(*id));
+    if options.estimator == Estimator::Sampled || masked {
+        return Way::Sampled(Surface::new(polygon));
+    }
+    let outline = |front: bool| {
+        let positions = receivers
+            .iter()
+            .map(|receiver| receiver.position)
+            .filter(|position| (source.height(*position) > 0.0) == front);
+        let bounds = Aabb::from_points(positions);
+        if bounds.is_empty() {
+            return Outline::default();
+        }
+        let away = if front {
+            -polygon.normal
+        } else {
+            polygon.normal
+        };
+        let edges = occluders.edges();
+        Outline::new(edges, &bounds, &candidates, (source.point(), away))
+    };
+    let (front, back) = (outline(true), outline(false));
+    let n_edges = front.n_edges() + back.n_edges();
+    if options.estimator == Estimator::Auto && n_edges > MAX_EDGES {
+        return Way::Sampled(Surface::new(polygon));
+    }
+    Way::Exact { front, back }
+}
