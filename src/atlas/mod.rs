@@ -57,7 +57,7 @@ impl Default for Options {
 /// Which texture coordinates a lightmap uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Uv {
-    /// The authored `TEXCOORD_1` where it lies in 0..1 and does not overlap, else an unwrap.
+    /// The authored `TEXCOORD_1` where it lies in 0..1, does not overlap and uses a tenth of the square, else an unwrap.
     Auto,
     /// The authored `TEXCOORD_1` wherever there is one in 0..1, even when it overlaps.
     Keep,
@@ -161,11 +161,12 @@ pub struct UnwrappedPrimitive {
     pub triangles: Vec<[u32; 3]>,
     /// For each of `triangles`, its index in the primitive's `triangles`. Ascending.
     pub source_triangles: Vec<u32>,
-    /// For each of `triangles`, its chart; [`NO_CHART`] when it got no place (no area at this world scale).
+    /// For each of `triangles`, its chart; [`NO_CHART`] when it got no place of its own, because it has no area or is a hairline at this
+    /// world scale. Its texture coordinates then lie on a neighbour, if there is one.
     pub charts: Vec<u32>,
 }
 
-/// Chart of a triangle that got no place in the lightmap.
+/// Chart of a triangle that got no place of its own in the lightmap.
 pub const NO_CHART: u32 = u32::MAX;
 
 /// Where an instance's rectangle lies.

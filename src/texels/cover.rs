@@ -1,7 +1,5 @@
 //! Conservative coverage: which texels of a page are read, on which triangle each samples, and which belong to one tile.
 
-use std::collections::BTreeMap;
-
 use glam::DVec2;
 use rayon::prelude::*;
 
@@ -23,65 +21,77 @@ pub(super) struct Covered {
 }
 
 /// A covered texel of a page.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct OnPage {
     /// Column and row in the page.
     pub(super) texel: [u16; 2],
     /// Index in the atlas's placements.
     pub(super) placement: u32,
-    /// What it covers.
-    pub(super) covered: Covered,
+    /// Chart of the placement's unwrap.
+    pub(super) chart: u32,
+    /// Index in [`Coverage::of`].
+    pub(super) covered: u32,
 }
 
-/// All covered texels of a page in the order of the tiles: by row and column of the 8×8 block, placement, chart, then row and column.
-pub(super) fn tiles(atlas: &Atlas, page: usize) -> Vec<OnPage> {
-    let placements: Vec<u32> = (0..atlas.placements.len() as u32)
-        .filter(|&index| atlas.placements[index as usize].page == page)
-        .collect();
-    // Once per layout, however many instances share it.
-    let mut layouts: Vec<usize> = placements
-        .iter()
-        .map(|&index| atlas.placements[index as usize].unwrap)
-        .collect();
-    layouts.sort_unstable();
-    layouts.dedup();
-    let covered: BTreeMap<usize, Vec<Covered>> = layouts
-        .into_par_iter()
-        .map(|unwrap| (unwrap, cover(&atlas.unwraps[unwrap])))
-        .collect();
+/// What the unwraps of a page cover: once each, however many instances share them.
+#[derive(Debug)]
+pub(super) struct Coverage {
+    /// The covered texels by unwrap; none for unwraps of other pages.
+    of: Vec<Vec<Covered>>,
+}
 
-    let mut texels: Vec<OnPage> = placements
-        .into_par_iter()
-        .flat_map_iter(|index| {
-            let placement = &atlas.placements[index as usize];
-            covered[&placement.unwrap].iter().map(move |&covered| {
-                let [x, y] = covered.texel;
-                OnPage {
+impl Coverage {
+    /// Of all unwraps placed on `page`.
+    pub(super) fn new(atlas: &Atlas, page: usize) -> Self {
+        let mut placed = vec![false; atlas.unwraps.len()];
+        for placement in &atlas.placements {
+            placed[placement.unwrap] |= placement.page == page;
+        }
+        let of = atlas
+            .unwraps
+            .par_iter()
+            .zip(placed)
+            .map(|(unwrap, placed)| if placed { cover(unwrap) } else { Vec::new() })
+            .collect();
+        Self { of }
+    }
+
+    /// What a texel of the page covers.
+    pub(super) fn of(&self, atlas: &Atlas, texel: &OnPage) -> &Covered {
+        let unwrap = atlas.placements[texel.placement as usize].unwrap;
+        &self.of[unwrap][texel.covered as usize]
+    }
+
+    /// All covered texels of the page in the order of the tiles: by row and column of the 8×8 block, placement, chart, then row and column.
+    pub(super) fn in_tiles(&self, atlas: &Atlas, page: usize) -> Vec<OnPage> {
+        let mut texels: Vec<OnPage> = atlas
+            .placements
+            .par_iter()
+            .enumerate()
+            .filter(|(_, placement)| placement.page == page)
+            .flat_map_iter(|(index, placement)| {
+                let covered = self.of[placement.unwrap].iter().enumerate();
+                covered.map(move |(number, covered)| OnPage {
                     // Rectangles keep a margin, so that texels just outside of them are still on the page.
-                    texel: [
-                        (placement.offset[0] as i32 + x) as u16,
-                        (placement.offset[1] as i32 + y) as u16,
-                    ],
-                    placement: index,
-                    covered,
-                }
+                    texel: [0, 1]
+                        .map(|axis| (placement.offset[axis] as i32 + covered.texel[axis]) as u16),
+                    placement: index as u32,
+                    chart: covered.chart,
+                    covered: number as u32,
+                })
             })
-        })
-        .collect();
-    texels.par_sort_unstable_by_key(|texel| {
-        let [x, y] = texel.texel;
-        let tile = TILE as u16;
-        (
-            (y / tile, x / tile),
-            (texel.placement, texel.covered.chart),
-            (y, x),
-        )
-    });
-    texels
+            .collect();
+        texels.par_sort_unstable_by_key(|texel| {
+            let [x, y] = texel.texel;
+            let tile = TILE as u16;
+            ((y / tile, x / tile), (texel.placement, texel.chart), (y, x))
+        });
+        texels
+    }
 }
 
 /// The covered texels of an unwrap; every texel once.
-pub(super) fn cover(unwrap: &Unwrap) -> Vec<Covered> {
+fn cover(unwrap: &Unwrap) -> Vec<Covered> {
     let mut by_chart: Vec<Vec<[u32; 2]>> = vec![Vec::new(); unwrap.n_charts as usize];
     for (index, primitive) in unwrap.primitives.iter().enumerate() {
         for (triangle, &chart) in primitive.charts.iter().enumerate() {

@@ -94,8 +94,7 @@ pub const TILE: u32 = 8;
 /// The same scene and atlas give the same texels on any number of threads.
 #[must_use]
 pub fn cover(scene: &Scene, atlas: &Atlas, page: usize) -> Texels {
-    let tiles = cover::tiles(atlas, page);
-    let (texels, tiles) = surface::lift(scene, atlas, page, tiles);
+    let (texels, tiles) = surface::lift(scene, atlas, page);
     Texels {
         page,
         width: atlas.pages[page].width,

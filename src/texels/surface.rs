@@ -3,10 +3,10 @@
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
-use crate::atlas::{Atlas, Placement, signed_area};
+use crate::atlas::{Atlas, Placement, Unwrap, signed_area};
 use crate::scene::{Instance, Scene, Triangle};
 
-use super::cover::{Covered, OnPage};
+use super::cover::{Coverage, Covered, OnPage};
 use super::{TILE, Texel, Tile};
 
 /// Smallest height of a triangle in the layout that a tangent map is taken from, in texels. Coordinates come in 32 bits, 1.2e-4 texels
@@ -24,67 +24,60 @@ const MIN_ROUND_COSINE: f64 = 0.8;
 /// Longest move onto the round surface relative to the triangle's longest edge. Six-sided columns need 0.13 in the middle.
 const MAX_BULGE: f64 = 0.15;
 
-/// The texels of a page in the world, and their tiles. `on_page` is in the order of the tiles.
-pub(super) fn lift(
-    scene: &Scene,
-    atlas: &Atlas,
-    page: usize,
-    on_page: Vec<OnPage>,
-) -> (Vec<Texel>, Vec<Tile>) {
-    let worlds = worlds(scene, atlas, page);
-    let lifted: Vec<(Option<Texel>, (u32, u32))> = on_page
+/// The texels of a page in the world, and their tiles.
+pub(super) fn lift(scene: &Scene, atlas: &Atlas, page: usize) -> (Vec<Texel>, Vec<Tile>) {
+    let coverage = Coverage::new(atlas, page);
+    let worlds: Vec<World<'_>> = atlas
+        .placements
+        .iter()
+        .map(|placement| World::new(scene, atlas, placement))
+        .collect();
+    // Each with its triangle; those whose triangle was dropped in world space are left out.
+    let on_page: Vec<(OnPage, usize)> = coverage
+        .in_tiles(atlas, page)
         .into_par_iter()
-        .map(|texel| {
-            let owner = (texel.placement, texel.covered.chart);
-            let world = worlds[texel.placement as usize].as_ref();
-            let texel = world
-                .and_then(|world| world.texel(&texel.covered))
-                .map(|lifted| Texel {
-                    x: texel.texel[0],
-                    y: texel.texel[1],
-                    ..lifted
-                });
-            (texel, owner)
+        .filter_map(|texel| {
+            let world = &worlds[texel.placement as usize];
+            Some((texel, world.find(coverage.of(atlas, &texel))?))
         })
         .collect();
-
-    let mut texels = Vec::with_capacity(lifted.len());
-    let mut tiles: Vec<Tile> = Vec::new();
-    let mut current = None;
-    for (texel, (placement, chart)) in lifted {
-        let Some(texel) = texel else { continue };
-        let tile = TILE as u16;
-        let key = (texel.y / tile, texel.x / tile, placement, chart);
-        if current != Some(key) {
-            current = Some(key);
-            tiles.push(Tile {
-                texels: texels.len()..texels.len(),
-                chart,
-                placement,
-            });
-        }
-        texels.push(texel);
-        if let Some(last) = tiles.last_mut() {
-            last.texels.end = texels.len();
-        }
-    }
-    (texels, tiles)
+    let texels = on_page
+        .par_iter()
+        .map(|(texel, triangle)| {
+            let world = &worlds[texel.placement as usize];
+            let [x, y] = texel.texel;
+            let lifted = world.texel(coverage.of(atlas, texel), *triangle);
+            Texel { x, y, ..lifted }
+        })
+        .collect();
+    (texels, tiles(&on_page))
 }
 
-/// What each placement of a page stands for; `None` for placements of other pages.
-fn worlds<'a>(scene: &'a Scene, atlas: &'a Atlas, page: usize) -> Vec<Option<World<'a>>> {
-    atlas
-        .placements
-        .par_iter()
-        .map(|placement| (placement.page == page).then(|| World::new(scene, atlas, placement)))
+fn tiles(on_page: &[(OnPage, usize)]) -> Vec<Tile> {
+    let tile = TILE as u16;
+    let key = |(texel, _): &(OnPage, usize)| {
+        let [x, y] = texel.texel;
+        (y / tile, x / tile, texel.placement, texel.chart)
+    };
+    let mut first = 0;
+    on_page
+        .chunk_by(|a, b| key(a) == key(b))
+        .map(|members| {
+            let texels = first..first + members.len();
+            first = texels.end;
+            Tile {
+                texels,
+                chart: members[0].0.chart,
+                placement: members[0].0.placement,
+            }
+        })
         .collect()
 }
 
 /// One instance of an unwrap.
 struct World<'a> {
     scene: &'a Scene,
-    atlas: &'a Atlas,
-    unwrap: usize,
+    unwrap: &'a Unwrap,
     instance: &'a Instance,
     /// Takes normals to the world, up to a positive factor.
     normals: DMat3,
@@ -111,8 +104,7 @@ impl<'a> World<'a> {
         );
         Self {
             scene,
-            atlas,
-            unwrap: placement.unwrap,
+            unwrap: &atlas.unwraps[placement.unwrap],
             instance,
             normals: if mirrored { -cofactor } else { cofactor },
             mirrored,
@@ -121,16 +113,21 @@ impl<'a> World<'a> {
         }
     }
 
-    /// The texel at the origin of the page; `None` when its triangle was dropped in world space.
-    fn texel(&self, covered: &Covered) -> Option<Texel> {
-        let unwrap = &self.atlas.unwraps[self.unwrap];
+    /// The triangle in the world, among those of the instance; `None` when it was dropped there.
+    fn find(&self, covered: &Covered) -> Option<usize> {
         let [primitive, local] = covered.triangle;
-        let unwrapped = &unwrap.primitives[primitive as usize];
+        let unwrapped = &self.unwrap.primitives[primitive as usize];
         let source = unwrapped.source_triangles[local as usize];
-        let index = self
-            .triangles
+        self.triangles
             .binary_search_by_key(&(primitive, source), |t| (t.primitive, t.triangle))
-            .ok()?;
+            .ok()
+    }
+
+    /// The texel, at column and row 0; `triangle` comes from [`Self::find`].
+    fn texel(&self, covered: &Covered, triangle: usize) -> Texel {
+        let [primitive, local] = covered.triangle;
+        let unwrapped = &self.unwrap.primitives[primitive as usize];
+        let index = triangle;
         let triangle = &self.triangles[index];
         // In authored order, as the weights are.
         let vertices = if self.mirrored {
@@ -145,7 +142,7 @@ impl<'a> World<'a> {
         let facet = weigh(vertices, covered.weights);
         let mesh = &self.scene.meshes[self.instance.mesh];
         let primitive = &mesh.primitives[primitive as usize];
-        let corners = primitive.triangles[source as usize];
+        let corners = primitive.triangles[triangle.triangle as usize];
         let shaded = self.vertex_normals(&primitive.normals, corners);
         let (normal, position) = match shaded {
             Some(normals) => (
@@ -154,8 +151,13 @@ impl<'a> World<'a> {
             ),
             None => (geometric_normal, facet),
         };
-        let [du, dv] = tangents(flat, vertices, geometric_normal, unwrap.texels_per_metre);
-        Some(Texel {
+        let [du, dv] = tangents(
+            flat,
+            vertices,
+            geometric_normal,
+            self.unwrap.texels_per_metre,
+        );
+        Texel {
             x: 0,
             y: 0,
             triangle: (self.first + index) as u32,
@@ -164,7 +166,7 @@ impl<'a> World<'a> {
             normal,
             du,
             dv,
-        })
+        }
     }
 
     /// Unit vertex normals in the world; `None` when there are none, or one has no direction.
