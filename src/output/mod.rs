@@ -237,14 +237,17 @@ impl Writer {
     }
 }
 
-/// What the manifest says of a map.
+/// What the manifest says of a map. Rounding keeps the order of values, so the stored extremes are the rounded extremes.
 fn map_file(plane: &Plane, file: String, precision: Precision) -> MapFile {
-    let stored = || plane.values.iter().map(|&value| precision.stored(value));
+    let extreme = |pick: fn(f32, f32) -> f32| {
+        let extreme = plane.values.iter().copied().reduce(pick);
+        precision.stored(extreme.unwrap_or(0.0))
+    };
     MapFile {
         plane: plane.name.to_owned(),
         file,
         precision: precision.name(),
-        min: stored().reduce(f32::min).unwrap_or(0.0),
-        max: stored().reduce(f32::max).unwrap_or(0.0),
+        min: extreme(f32::min),
+        max: extreme(f32::max),
     }
 }
