@@ -165,7 +165,8 @@ impl Writer {
         }
         let (container, warnings) = gltf::container(scene, atlas, pages)?;
         let file = self.staging.add(names::glb(self.staging.scene()));
-        self.staging.write(&file, &container)?;
+        self.staging
+            .write(&file, &container.each_ref().map(Vec::as_slice))?;
         Ok(warnings)
     }
 
@@ -189,7 +190,7 @@ impl Writer {
         let mut text =
             serde_json::to_vec_pretty(&manifest).map_err(|error| invalid(error.into()))?;
         text.push(b'\n');
-        self.staging.write(&file, &text)
+        self.staging.write(&file, &[&text])
     }
 
     /// Renames everything into place, the manifest last, and removes files of the previous bake that this one no longer has. Returns
