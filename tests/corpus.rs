@@ -1,6 +1,10 @@
 //! Scenes by others: levels, models, conformance files, broken files. Skipped where they are not at hand.
 
 /// Reading them.
+#[expect(
+    clippy::print_stdout,
+    reason = "says what was skipped and how much was read"
+)]
 mod loading {
     use std::fs;
     use std::panic;
@@ -73,9 +77,9 @@ mod loading {
                 }
                 Ok(Err(error)) => {
                     n_refused += 1;
-                    println!("{error}");
-                    if error.to_string().len() < file.display().to_string().len() / 4 {
-                        faults.push(format!("{}: says only {error}", file.display()));
+                    let excused = REFUSED_THOUGH_VALID.iter().any(|name| file.ends_with(name));
+                    if is_clean(&file) && !excused {
+                        faults.push(format!("refused though valid: {error}"));
                     }
                 }
                 Err(_) => faults.push(format!("{}: panic", file.display())),
@@ -83,6 +87,24 @@ mod loading {
         }
         println!("{n_loaded} loaded, {n_warned} with warnings, {n_refused} refused");
         assert!(faults.is_empty(), "{}", faults.join("\n"));
+    }
+
+    /// Files without errors in the eyes of the validator that cannot be read all the same: two have a buffer without bytes, one has it on the
+    /// net, one asks for a later glTF.
+    const REFUSED_THOUGH_VALID: &[&str] = &[
+        "root/named_objects.gltf",
+        "root/unused_objects.gltf",
+        "buffer/non_relative_uri.gltf",
+        "asset/min_version_valid.gltf",
+    ];
+
+    /// Whether the report beside `file` counts no errors.
+    fn is_clean(file: &Path) -> bool {
+        let report = PathBuf::from(format!("{}.report.json", file.display()));
+        fs::read(report).is_ok_and(|bytes| {
+            let report: serde_json::Value = serde_json::from_slice(&bytes).expect("a report");
+            report["issues"]["numErrors"] == 0
+        })
     }
 
     fn open(file: &Path) -> std::thread::Result<lumel::Result<Scene>> {
@@ -163,15 +185,6 @@ mod loading {
                     == 0
             })
             .count();
-        println!(
-            "{}: {n_loaded} of {n_all} ({n_flat} flat) {:?}",
-            name.display(),
-            scene
-                .warnings
-                .iter()
-                .map(ToString::to_string)
-                .collect::<Vec<_>>()
-        );
         (n_loaded > n_all || n_loaded + n_flat < n_all).then(|| {
             format!(
                 "{}: {n_loaded} triangles, the table says {n_all} of which {n_flat} without area",

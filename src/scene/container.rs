@@ -28,6 +28,9 @@ pub(super) fn read(path: &Path) -> Result<Source> {
         path: path.to_owned(),
         source,
     })?;
+    if bytes.is_empty() {
+        return Err(invalid("the file is empty".to_owned()));
+    }
     let (text, chunk) = if bytes.starts_with(MAGIC) {
         let (text, chunk) = split(&bytes).map_err(invalid)?;
         (text, chunk.map(<[u8]>::to_vec))
@@ -39,7 +42,7 @@ pub(super) fn read(path: &Path) -> Result<Source> {
     let text = text.trim_ascii_end();
     let padding = text.iter().rev().take_while(|byte| **byte == 0).count();
     let json: Value = serde_json::from_slice(&text[..text.len() - padding])
-        .map_err(|error| invalid(format!("not a glTF document: {error}").to_lowercase()))?;
+        .map_err(|error| invalid(format!("not a glTF document: {error}")))?;
     let mut source = Source {
         json,
         buffers: Vec::new(),
@@ -96,8 +99,14 @@ fn split(bytes: &[u8]) -> std::result::Result<(&[u8], Option<&[u8]>), String> {
         }
         rest = after;
     }
-    let text = text.ok_or("GLB file has no JSON chunk")?;
-    Ok((text, binary))
+    match text {
+        Some(text) => Ok((text, binary)),
+        None if rest.is_empty() => Err("GLB file has no JSON chunk".to_owned()),
+        None => Err(format!(
+            "truncated: a GLB chunk header has {CHUNK_HEADER} bytes, {} are left",
+            rest.len()
+        )),
+    }
 }
 
 /// Little-endian number at `offset`, which must be in range.

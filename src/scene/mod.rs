@@ -16,6 +16,8 @@ mod gltf;
 
 mod node;
 
+mod instance;
+
 mod accessor;
 
 mod primitive;
@@ -80,7 +82,9 @@ pub struct Scene {
     pub warnings: Warnings,
 }
 
-/// Geometry of one glTF mesh, or of one skinned or morphed node in its rest pose.
+/// Geometry of one glTF mesh, or of one node whose skin or morph targets are frozen in their rest pose.
+///
+/// A skinned mesh is kept in world space: its instance has the identity, or a reflection along X when its joints mirror.
 #[derive(Debug)]
 pub struct Mesh {
     /// Authored name, else `mesh<index>`.
@@ -205,7 +209,8 @@ pub enum PunctualKind {
 pub struct Source {
     /// The JSON document, keys in authored order.
     pub json: serde_json::Value,
-    /// Bytes of `buffers[i]`, resolved.
+    /// Bytes of `buffers[i]`, resolved: at least its `byteLength`, with what follows it; empty for a buffer without bytes of its own, which
+    /// nothing that was read refers to.
     pub buffers: Vec<Vec<u8>>,
     /// Folder that relative URIs refer to.
     pub folder: PathBuf,

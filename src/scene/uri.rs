@@ -78,9 +78,7 @@ fn decode_data(data: &str) -> std::result::Result<(Vec<u8>, Option<String>), Str
         None => (head, false),
     };
     let bytes = if base64 {
-        BASE64
-            .decode(&body)
-            .map_err(|error| format!("data URI is not base64: {error}").to_lowercase())?
+        BASE64.decode(&body).map_err(|_| "data URI is not base64")?
     } else {
         body
     };
