@@ -2,8 +2,16 @@
 //!
 //! A texel is covered when a bilinear lookup anywhere on its chart can read it. A covered texel whose centre lies off the chart takes
 //! the nearest point on it.
+//!
+//! `cover` finds the texels in the plane, `surface` takes them into the world, `push_out` frees those that ended up inside of
+//! something.
+
+mod cover;
+mod push_out;
+mod surface;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::atlas::Atlas;
 use crate::error::Warnings;
@@ -42,9 +50,10 @@ pub struct Texel {
     /// Unit normal of the horizon and of E: the interpolated vertex normal; the geometric normal where there is none, or where the
     /// authored one points away from the front.
     pub normal: DVec3,
-    /// ∂x/∂u in metres per texel to the right, on the triangle's plane.
+    /// ∂x/∂u in metres per texel to the right, on the triangle's plane. Where the triangle has no usable area in the layout: along its
+    /// longest edge, as long as that edge is per texel, or as the density says.
     pub du: DVec3,
-    /// ∂x/∂v in metres per texel down, on the triangle's plane.
+    /// ∂x/∂v in metres per texel down, on the triangle's plane. Where the triangle has no usable area in the layout: across `du`, as long.
     pub dv: DVec3,
 }
 
@@ -66,7 +75,7 @@ pub struct Obstacle {
     pub distance: f64,
     /// Unit front normal of the surface that was hit.
     pub normal: DVec3,
-    /// Whether its back was hit.
+    /// Whether its back was hit, and light cannot pass from there: false for double-sided surfaces, which have no inside.
     pub back: bool,
 }
 
@@ -75,20 +84,49 @@ pub const TILE: u32 = 8;
 
 /// Finds the covered texels of one page.
 ///
+/// A texel is covered when its bilinear footprint meets a triangle of a chart. It samples its centre if that lies on the chart, else
+/// the nearest point of the chart; where charts of an authored layout compete, the nearest one has it, and among equally near triangles
+/// the first. Texels of triangles that were dropped in world space are left out.
+///
 /// Positions of smooth-shaded surfaces are moved onto the curved surface that the vertex normals describe (never inwards), so that
 /// facets cast no stripes at the terminator.
+///
+/// The same scene and atlas give the same texels on any number of threads.
 #[must_use]
-pub fn cover(_scene: &Scene, _atlas: &Atlas, _page: usize) -> Texels {
-    unimplemented!()
+pub fn cover(scene: &Scene, atlas: &Atlas, page: usize) -> Texels {
+    let (texels, tiles) = surface::lift(scene, atlas, page);
+    Texels {
+        page,
+        width: atlas.pages[page].width,
+        height: atlas.pages[page].height,
+        texels,
+        tiles,
+        warnings: Warnings::default(),
+    }
 }
 
 /// Moves samples that sit inside other geometry out of it.
 ///
 /// `first_hit(origin, direction, distance)` gives the nearest obstacle along the unit `direction`, on either side of a surface.
+///
+/// A sample whose first obstacle along the surface, within the texel's bilinear footprint, is the back of something sits inside of that
+/// thing, while part of the texel can be seen beyond it: floor texels below the foot of a wall. It moves to just beyond the nearest such
+/// back. A sample with no way out within its footprint stays: nobody sees its texel.
+///
 /// Returns how many texels were moved.
 pub fn push_out(
-    _texels: &mut Texels,
-    _first_hit: &(dyn Fn(DVec3, DVec3, f64) -> Option<Obstacle> + Sync),
+    texels: &mut Texels,
+    first_hit: &(dyn Fn(DVec3, DVec3, f64) -> Option<Obstacle> + Sync),
 ) -> usize {
-    unimplemented!()
+    texels
+        .texels
+        .par_iter_mut()
+        .map(|texel| {
+            let exit = push_out::exit(texel, first_hit);
+            if let Some(position) = exit {
+                texel.position = position;
+            }
+            usize::from(exit.is_some())
+        })
+        .sum()
 }
