@@ -52,6 +52,12 @@ impl Precision {
         if largest > f16::MAX.to_f32() {
             return Self::Float;
         }
+        // A half has 11 significant bits, and steps of 2⁻²⁴ below 2⁻¹⁴: nothing is rounded by more than 2⁻¹¹ of the largest value
+        // unless that is tiny too, so with ordinary tolerances no value has to be looked at.
+        let bound = 0.5_f64.powi(11);
+        if tolerance >= bound && f64::from(largest) >= 0.5_f64.powi(14) {
+            return Self::Half;
+        }
         let accepted = tolerance * f64::from(largest);
         let fits = values
             .iter()

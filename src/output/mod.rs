@@ -165,7 +165,8 @@ impl Writer {
         }
         let (container, warnings) = gltf::container(scene, atlas, pages)?;
         let file = self.staging.add(names::glb(self.staging.scene()));
-        self.staging.write(&file, &container)?;
+        self.staging
+            .write(&file, &container.each_ref().map(Vec::as_slice))?;
         Ok(warnings)
     }
 
@@ -189,7 +190,7 @@ impl Writer {
         let mut text =
             serde_json::to_vec_pretty(&manifest).map_err(|error| invalid(error.into()))?;
         text.push(b'\n');
-        self.staging.write(&file, &text)
+        self.staging.write(&file, &[&text])
     }
 
     /// Renames everything into place, the manifest last, and removes files of the previous bake that this one no longer has. Returns
@@ -237,14 +238,17 @@ impl Writer {
     }
 }
 
-/// What the manifest says of a map.
+/// What the manifest says of a map. Rounding keeps the order of values, so the stored extremes are the rounded extremes.
 fn map_file(plane: &Plane, file: String, precision: Precision) -> MapFile {
-    let stored = || plane.values.iter().map(|&value| precision.stored(value));
+    let extreme = |pick: fn(f32, f32) -> f32| {
+        let extreme = plane.values.iter().copied().reduce(pick);
+        precision.stored(extreme.unwrap_or(0.0))
+    };
     MapFile {
         plane: plane.name.to_owned(),
         file,
         precision: precision.name(),
-        min: stored().reduce(f32::min).unwrap_or(0.0),
-        max: stored().reduce(f32::max).unwrap_or(0.0),
+        min: extreme(f32::min),
+        max: extreme(f32::max),
     }
 }

@@ -6,6 +6,7 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
@@ -68,14 +69,16 @@ impl Staging {
         self.files.iter().map(String::as_str).collect()
     }
 
-    /// Writes a file that does not exist yet.
-    pub(super) fn write(&self, file: &str, bytes: &[u8]) -> Result<()> {
-        use std::io::Write;
-
+    /// Writes a file that does not exist yet: `pieces`, one behind the other.
+    pub(super) fn write(&self, file: &str, pieces: &[&[u8]]) -> Result<()> {
         let path = self.path(file);
-        fs::File::create_new(&path)
-            .and_then(|mut file| file.write_all(bytes))
-            .map_err(|source| io_error(&path, source))
+        let mut target = fs::File::create_new(&path).map_err(|source| io_error(&path, source))?;
+        for piece in pieces {
+            target
+                .write_all(piece)
+                .map_err(|source| io_error(&path, source))?;
+        }
+        Ok(())
     }
 
     /// Moves all files to their places and removes those of the previous bake that this one lacks. Returns the names, sorted.

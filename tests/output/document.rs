@@ -275,9 +275,13 @@ pub(crate) fn hard(folder: &Path) -> PathBuf {
             "extensionsUsed": [
                 "KHR_texture_transform", "EXT_mesh_gpu_instancing", "KHR_mesh_quantization",
                 "KHR_materials_emissive_strength", "VENDOR_unknown",
+                "KHR_materials_variants",
             ],
             "extensionsRequired": ["KHR_mesh_quantization"],
-            "extensions": {"VENDOR_unknown": {"z": 1, "a": [1.5, null]}},
+            "extensions": {
+                "VENDOR_unknown": {"z": 1, "a": [1.5, null]},
+                "KHR_materials_variants": {"variants": [{"name": "other"}]},
+            },
             "scene": 0,
             "scenes": [
                 {"name": "first", "nodes": [0, 6], "extras": {"lumel": {"mood": "dark"}, "keep": true}},
@@ -305,6 +309,7 @@ pub(crate) fn hard(folder: &Path) -> PathBuf {
                     "emissiveTexture": {"index": 0, "extensions": {"KHR_texture_transform": {"texCoord": 1, "offset": [0.5, 0]}}},
                     "emissiveFactor": [1, 1, 1], "extras": {"index": 1, "texCoord": 1}},
                 {"emissiveFactor": [1, 1, 1], "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 4}}},
+                {"name": "variant", "pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 0, "texCoord": 1}}},
             ],
             "textures": [{"source": 0}],
             "images": [{"uri": "a%20picture.png", "name": "picture"}],
@@ -373,6 +378,7 @@ fn interleaved_quad(builder: &mut Builder) -> Value {
             "TEXCOORD_1": second, "COLOR_0": color, "_ID": custom,
         },
         "indices": indices, "material": 0, "extras": {"keep": 3},
+        "extensions": {"KHR_materials_variants": {"mappings": [{"material": 2, "variants": [0]}]}},
     })
 }
 

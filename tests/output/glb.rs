@@ -1,5 +1,7 @@
 //! The glTF file draws what was authored and says where it lies on the maps.
 
+#![expect(clippy::print_stdout, reason = "a test that cannot run here says why")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -429,10 +431,13 @@ fn a_picture_on_the_second_set_keeps_its_place() {
     let (path, _) = write(&scene, &atlas, folder.path());
     let after = Document::read(&path).json;
     let materials = after["materials"].as_array().expect("a list");
-    assert_eq!(materials.len(), 3, "one copy, for the moved set");
-    // The node in the other scene and the points draw the authored material.
-    assert_eq!(materials[0], scene.source.json["materials"][0]);
-    let moved = &materials[2];
+    assert_eq!(materials.len(), 5, "two copies, for the moved set");
+    // The node in the other scene and the points draw the authored materials.
+    assert_eq!(
+        materials[..3],
+        scene.source.json["materials"].as_array().expect("a list")[..]
+    );
+    let moved = &materials[3];
     assert_eq!(
         moved["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"],
         2
@@ -448,7 +453,14 @@ fn a_picture_on_the_second_set_keeps_its_place() {
     assert_eq!(after["meshes"][elsewhere], scene.source.json["meshes"][0]);
     let lit = after["nodes"][1]["mesh"].as_u64().expect("an index") as usize;
     assert_ne!(lit, elsewhere);
-    assert_eq!(after["meshes"][lit]["primitives"][0]["material"], 2);
+    let primitive = &after["meshes"][lit]["primitives"][0];
+    assert_eq!(primitive["material"], 3);
+    let variants = &primitive["extensions"]["KHR_materials_variants"];
+    assert_eq!(variants["mappings"][0]["material"], 4);
+    assert_eq!(
+        materials[4]["pbrMetallicRoughness"]["metallicRoughnessTexture"]["texCoord"],
+        2
+    );
     assert_eq!(
         after["meshes"][lit]["primitives"][1], scene.source.json["meshes"][0]["primitives"][1],
         "points are nobody's business"
@@ -457,10 +469,10 @@ fn a_picture_on_the_second_set_keeps_its_place() {
     // Without other users nothing is copied.
     let mut scene = scene;
     scene.source.json["nodes"][5] = json!({});
-    scene.source.json["meshes"][0]["primitives"][1]["material"] = json!(1);
+    scene.source.json["meshes"][0]["primitives"][1] = json!({"attributes": {}, "mode": 0});
     let (path, _) = write(&scene, &atlas, &folder.path().join("alone"));
     let after = Document::read(&path).json;
-    assert_eq!(after["materials"].as_array().expect("a list").len(), 2);
+    assert_eq!(after["materials"].as_array().expect("a list").len(), 3);
     assert_eq!(
         after["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"],
         2
@@ -538,6 +550,10 @@ fn parts_take_skin_weights_and_copies_along() {
             assert!(parent.get(key).is_none(), "{key} stays at node {node}");
         }
     }
+    let part = &after["nodes"][1]["children"][0];
+    let part = &after["nodes"][part.as_u64().expect("an index") as usize];
+    assert_eq!(part["extras"]["lumel"]["scale"], 2, "the author's density");
+
     // The animation of weights drives both parts of the node.
     let channels = after["animations"][0]["channels"]
         .as_array()
@@ -643,6 +659,44 @@ fn real_scenes_draw_what_they_drew() {
         let again = scene::load(&path, &scene::Options::default()).expect("readable");
         assert_eq!(again.triangles.len(), scene.triangles.len(), "{name}");
     }
+}
+
+#[test]
+fn broken_documents_are_written_or_refused() {
+    let Some(folder) = support::shared_scenes() else {
+        println!("skipped: no shared scenes");
+        return;
+    };
+    let target = tempfile::tempdir().expect("temporary folder");
+    let mut folders = vec![folder.join("malformed")];
+    let mut n_written = 0;
+    while let Some(folder) = folders.pop() {
+        let entries = fs::read_dir(folder).expect("readable folder");
+        let mut paths: Vec<PathBuf> = entries.map(|it| it.expect("readable").path()).collect();
+        paths.sort();
+        for path in paths {
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let is_document = path
+                .extension()
+                .is_some_and(|it| it == "gltf" || it == "glb");
+            if !is_document {
+                continue;
+            }
+            let Ok(scene) = scene::load(&path, &scene::Options::default()) else {
+                continue;
+            };
+            let atlas = document::random_atlas(&scene, n_written, 1, 2);
+            let mut writer =
+                Writer::create(target.path(), "out", &Options::default()).expect("writable");
+            if writer.glb(&scene, &atlas, &document::pages(&atlas)).is_ok() {
+                n_written += 1;
+            }
+        }
+    }
+    assert!(n_written > 100, "only {n_written} were written");
 }
 
 /// Scenes by others, one or two for each thing that is hard to write again.

@@ -102,8 +102,8 @@ impl Document {
         self.push("bufferViews", view)
     }
 
-    /// The bytes of the `.glb`.
-    pub(super) fn into_container(mut self) -> Result<Vec<u8>> {
+    /// The bytes of the `.glb` in two pieces, because the second one, the buffer, can be large.
+    pub(super) fn into_container(mut self) -> Result<[Vec<u8>; 2]> {
         self.append(&[]);
         if self.binary.is_empty() {
             self.json.shift_remove("buffers");
@@ -130,15 +130,20 @@ impl Document {
                 ),
             });
         };
-        let mut container = Vec::with_capacity(length as usize);
-        container.extend_from_slice(b"glTF");
-        container.extend_from_slice(&2_u32.to_le_bytes());
-        container.extend_from_slice(&length.to_le_bytes());
-        push_chunk(&mut container, *b"JSON", &text);
+        // No chunk is longer than the whole.
+        let word = |length: usize| (length as u32).to_le_bytes();
+        let mut head = Vec::with_capacity(text.len() + 28);
+        head.extend(*b"glTF");
+        head.extend(2_u32.to_le_bytes());
+        head.extend(length.to_le_bytes());
+        head.extend(word(text.len()));
+        head.extend(*b"JSON");
+        head.append(&mut text);
         if !self.binary.is_empty() {
-            push_chunk(&mut container, *b"BIN\0", &self.binary);
+            head.extend(word(self.binary.len()));
+            head.extend(*b"BIN\0");
         }
-        Ok(container)
+        Ok([head, self.binary])
     }
 
     /// Appends bytes to the chunk at a multiple of four, as components of up to four bytes need it; returns their offset.
@@ -243,10 +248,4 @@ pub(super) fn remove_extension(object: &mut Map<String, Value>, extension: &str)
         object.shift_remove("extensions");
     }
     found
-}
-
-fn push_chunk(container: &mut Vec<u8>, kind: [u8; 4], bytes: &[u8]) {
-    container.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
-    container.extend_from_slice(&kind);
-    container.extend_from_slice(bytes);
 }

@@ -14,7 +14,7 @@ use crate::output::names;
 const NAME: &str = "LUMEL_light_vector_map";
 
 /// Our key in `extras`, which authors use as well.
-const EXTRAS: &str = "lumel";
+pub(super) const EXTRAS: &str = "lumel";
 
 /// Key of the mirror below [`EXTRAS`].
 const MIRROR: &str = "lightVectorMap";

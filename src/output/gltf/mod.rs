@@ -119,12 +119,13 @@ impl Input<'_> {
     }
 }
 
-/// The bytes of the `.glb` of `scene`, laid out as `atlas` says, with maps named as in `pages`; and what could not be carried over.
+/// The bytes of the `.glb` of `scene`, laid out as `atlas` says, with maps named as in `pages`, in two pieces; and what could not be
+/// carried over.
 pub(super) fn container(
     scene: &Scene,
     atlas: &Atlas,
     pages: &[PageFiles],
-) -> Result<(Vec<u8>, Warnings)> {
+) -> Result<([Vec<u8>; 2], Warnings)> {
     let mut warnings = Warnings::default();
     let mut document = Document::new(scene, &mut warnings)?;
     extension::strip(&mut document);

@@ -89,6 +89,13 @@ fn split(
             drawing.insert(key.to_owned(), value);
         }
     }
+    // The author's wishes hold for the parts, should the result be baked again.
+    let wishes = node
+        .get("extras")
+        .and_then(|extras| extras.get(extension::EXTRAS).cloned());
+    if let Some(wishes) = wishes {
+        drawing.insert("extras".to_owned(), json!({extension::EXTRAS: wishes}));
+    }
     let instancing = node
         .get("extensions")
         .and_then(|extensions| extensions.get(INSTANCING).cloned());
