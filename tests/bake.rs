@@ -80,8 +80,7 @@ fn surface_points(glb: &Path) -> Vec<(DVec3, DVec3, [f64; 2])> {
     let mut points = Vec::new();
     for triangle in &scene.triangles {
         let instance = &scene.instances[triangle.instance as usize];
-        let primitive =
-            &scene.meshes[instance.mesh].primitives[triangle.primitive as usize];
+        let primitive = &scene.meshes[instance.mesh].primitives[triangle.primitive as usize];
         let map = &node_maps[instance.node];
         let number = |key: &str, axis: usize| map[key][axis].as_f64().expect("a number");
         for weights in [[0.6, 0.2, 0.2], [0.2, 0.6, 0.2], [0.2, 0.2, 0.6]] {
@@ -113,8 +112,7 @@ fn the_map_says_what_the_light_meter_says() {
             float: true,
             ..Options::default()
         };
-        alone(|execution| bake::bake(&scene, folder.path(), &options, execution))
-            .expect("a bake");
+        alone(|execution| bake::bake(&scene, folder.path(), &options, execution)).expect("a bake");
         let map = Map::read(&folder.path().join(format!("{name}_lm0_E.exr")));
         let points = surface_points(&folder.path().join(format!("{name}.glb")));
         let receivers: Vec<Receiver> = points
@@ -125,9 +123,8 @@ fn the_map_says_what_the_light_meter_says() {
                 seed: 0,
             })
             .collect();
-        let (samples, _) =
-            alone(|execution| bake::probe(&scene, &receivers, &options, execution))
-                .expect("a probe");
+        let (samples, _) = alone(|execution| bake::probe(&scene, &receivers, &options, execution))
+            .expect("a probe");
         let brightest = samples
             .iter()
             .zip(&points)
@@ -153,8 +150,8 @@ fn the_map_says_what_the_light_meter_says() {
 
 fn counters(scene: &Scene, options: &Options) -> (Value, Vec<String>) {
     let folder = temporary();
-    let report = alone(|execution| bake::bake(scene, folder.path(), options, execution))
-        .expect("a bake");
+    let report =
+        alone(|execution| bake::bake(scene, folder.path(), options, execution)).expect("a bake");
     (report.manifest, report.files)
 }
 
@@ -162,10 +159,7 @@ fn counters(scene: &Scene, options: &Options) -> (Value, Vec<String>) {
 fn floor_and_light(floor: Material, light: Material) -> Scene {
     let down = quad(DVec3::new(1.0, 3.0, 1.0), DVec3::X, DVec3::Z);
     scene_of(&[
-        (
-            floor,
-            quad(DVec3::ZERO, 3.0 * DVec3::Z, 3.0 * DVec3::X),
-        ),
+        (floor, quad(DVec3::ZERO, 3.0 * DVec3::Z, 3.0 * DVec3::X)),
         (light, down),
     ])
 }
@@ -187,7 +181,10 @@ fn a_scene_without_lights_casts_no_ray_and_is_dark() {
             .clone()
     };
     assert_eq!(decision("area lights")["done"], false);
-    assert_eq!(files.iter().filter(|file| file.ends_with("_E.exr")).count(), 1);
+    assert_eq!(
+        files.iter().filter(|file| file.ends_with("_E.exr")).count(),
+        1
+    );
 }
 
 #[test]
@@ -195,7 +192,10 @@ fn an_empty_scene_is_no_error() {
     let scene = scene_of(&[]);
     let (manifest, files) = counters(&scene, &Options::default());
     assert_eq!(manifest["counters"]["texels"], 0);
-    assert!(files.iter().all(|file| !file.ends_with(".exr")), "{files:?}");
+    assert!(
+        files.iter().all(|file| !file.ends_with(".exr")),
+        "{files:?}"
+    );
 }
 
 #[test]
@@ -222,10 +222,7 @@ fn the_light_vector_is_stored_only_where_a_normal_texture_needs_it() {
         directional: true,
         ..Options::default()
     };
-    let (_, asked) = counters(
-        &floor_and_light(Material::default(), emitter(10.0)),
-        &asked,
-    );
+    let (_, asked) = counters(&floor_and_light(Material::default(), emitter(10.0)), &asked);
     assert!(has(&asked, "Gr"));
 }
 
@@ -270,8 +267,7 @@ fn brightness_over_sixty_orders_stays_finite() {
             directional: true,
             ..Options::default()
         };
-        alone(|execution| bake::bake(&scene, folder.path(), &options, execution))
-            .expect("a bake");
+        alone(|execution| bake::bake(&scene, folder.path(), &options, execution)).expect("a bake");
         let map = Map::read(&folder.path().join("test_lm0_E.exr"));
         let brightest = map.pixels.iter().flatten().copied().fold(0.0, f32::max);
         assert!(map.pixels.iter().flatten().all(|value| value.is_finite()));
@@ -338,7 +334,10 @@ fn wait(child: &mut Child, limit: Duration) -> Option<i32> {
 #[test]
 fn every_real_scene_bakes_or_names_the_extension_it_requires() {
     let Some(scenes) = shared_scenes() else {
-        println!("skipped: no folder of real scenes beside {}", root().display());
+        println!(
+            "skipped: no folder of real scenes beside {}",
+            root().display()
+        );
         return;
     };
     let folder = temporary();
@@ -369,7 +368,10 @@ fn every_real_scene_bakes_or_names_the_extension_it_requires() {
 #[test]
 fn every_broken_file_ends_soon_with_a_word_about_its_fault() {
     let Some(scenes) = shared_scenes() else {
-        println!("skipped: no folder of broken files beside {}", root().display());
+        println!(
+            "skipped: no folder of broken files beside {}",
+            root().display()
+        );
         return;
     };
     let folder = temporary();

@@ -84,7 +84,7 @@ fn visible_pieces(
 }
 
 /// Light vector and fluence per unit radiance: Lambert's formula, and Van Oosterom and Strackee's for the solid angle.
-fn reference(
+pub(crate) fn reference(
     position: DVec3,
     normal: DVec3,
     light: &[[DVec3; 3]],

@@ -9,6 +9,7 @@ mod exact;
 mod lights;
 mod output;
 mod scene;
+mod stiff;
 mod texels;
 mod transport;
 mod visibility;

@@ -22,8 +22,16 @@ pub(super) struct Evaluation<'a> {
     lights: &'a Lights,
     occluders: &'a Occluders<'a>,
     options: transport::Options,
+    tolerance: f64,
     channels: Vec<Channel>,
 }
+
+/// Share of the error asked for that may come from lights that are left out. Half would leave too little for everything else, a tenth
+/// would keep lights that nobody sees.
+const SHARE_OF_LEFT_OUT: f64 = 0.25;
+
+/// Texels that are looked at to know how bright a page is.
+const PROBES: usize = 256;
 
 /// A quantity of a texel that is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,6 +118,7 @@ impl<'a> Evaluation<'a> {
             lights,
             occluders,
             options: plan.transport(options),
+            tolerance: options.tolerance,
             channels,
         }
     }
@@ -125,9 +134,13 @@ impl<'a> Evaluation<'a> {
         progress: &PageProgress,
         execution: &Execution<'_>,
     ) -> Result<Field> {
+        let options = transport::Options {
+            negligible: SHARE_OF_LEFT_OUT * self.tolerance * self.brightness(texels),
+            ..self.options.clone()
+        };
         let tiles = refine::every_tile(
             &texels.tiles,
-            |tile| self.tile(texels, tile),
+            |tile| self.tile(texels, tile, &options),
             &|tile| progress.finished(tile.texels.len(), execution),
             &|| execution.is_cancelled(),
         )?;
@@ -138,18 +151,37 @@ impl<'a> Evaluation<'a> {
         Ok(self.field(texels, &tiles))
     }
 
-    fn tile(&self, texels: &Texels, tile: &Tile) -> TileLight {
+    /// About the largest irradiance of a page in lux: the largest of a few hundred texels with nothing in the way of any light.
+    fn brightness(&self, texels: &Texels) -> f64 {
+        let step = texels.texels.len().div_ceil(PROBES).max(1);
+        texels
+            .texels
+            .iter()
+            .step_by(step)
+            .map(|texel| {
+                let receiver = receiver(texels.page, texel);
+                let sum: DVec3 = self
+                    .lights
+                    .polygons
+                    .iter()
+                    .map(|light| {
+                        let sums = transport::unoccluded(light, &receiver, false);
+                        light.radiance * sums.g.dot(receiver.normal).max(0.0)
+                    })
+                    .sum();
+                sum.max_element()
+            })
+            .fold(0.0, f64::max)
+    }
+
+    fn tile(&self, texels: &Texels, tile: &Tile, options: &transport::Options) -> TileLight {
         let members = &texels.texels[tile.texels.clone()];
         let receivers: Vec<Receiver> = members
             .iter()
-            .map(|texel| Receiver {
-                position: texel.position,
-                normal: texel.normal,
-                seed: math::hash(texels.page as u64, u64::from(texel.y), u64::from(texel.x)),
-            })
+            .map(|texel| receiver(texels.page, texel))
             .collect();
         let (samples, counters) =
-            transport::gather(&receivers, self.lights, self.occluders, &self.options);
+            transport::gather(&receivers, self.lights, self.occluders, options);
         let mut values = Vec::with_capacity(members.len() * self.stride());
         let mut figures = Vec::with_capacity(members.len());
         for (sample, texel) in samples.iter().zip(members) {
@@ -203,6 +235,14 @@ impl<'a> Evaluation<'a> {
             places,
             planes,
         }
+    }
+}
+
+fn receiver(page: usize, texel: &Texel) -> Receiver {
+    Receiver {
+        position: texel.position,
+        normal: texel.normal,
+        seed: math::hash(page as u64, u64::from(texel.y), u64::from(texel.x)),
     }
 }
 

@@ -91,6 +91,13 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights) {
             "no material emits".to_owned()
         },
     );
+    if n_polygons > 1 {
+        plan.decide(
+            "dim lights",
+            false,
+            "where lights together can add no more than a quarter of the tolerance to a tile, they are left out there and counted as error",
+        );
+    }
     let n_punctual = scene.punctual_lights.len();
     plan.decide(
         "punctual lights",

@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::pair::{Pair, Part, Scratch};
+use super::select::select;
 use super::source::Source;
 use super::{Counters, Options, Receiver, Sample};
 use crate::lights::Lights;
@@ -24,9 +25,12 @@ pub fn gather(
     };
     let mut totals = vec![Total::default(); tile.len()];
     let mut scratch = Scratch::default();
-    for (index, polygon) in lights.polygons.iter().enumerate() {
-        let source = Source::new(polygon);
-        counters.pairs += 1;
+    let sources: Vec<Source<'_>> = lights.polygons.iter().map(Source::new).collect();
+    let selection = select(&sources, tile, options.negligible);
+    counters.pairs += sources.len() as u64;
+    counters.pairs_negligible += (sources.len() - selection.lights.len()) as u64;
+    for index in selection.lights {
+        let source = sources[index];
         let lit: Vec<usize> = (0..tile.len())
             .filter(|&place| source.shines_on(&tile[place]))
             .collect();
@@ -46,13 +50,13 @@ pub fn gather(
         for place in lit {
             if let Some(part) = pair.evaluate(&tile[place], &mut scratch) {
                 counters.shadow_rays += u64::from(part.rays);
-                totals[place].add(&part, polygon.radiance);
+                totals[place].add(&part, source.polygon.radiance);
             }
         }
     }
     let samples = totals
         .into_iter()
-        .map(|total| total.finish(options.gradients))
+        .map(|total| total.finish(options.gradients, selection.left_out))
         .collect();
     (samples, counters)
 }
@@ -95,9 +99,9 @@ impl Total {
         self.variance += (part.error * brightest).powi(2);
     }
 
-    fn finish(self, gradients: bool) -> Sample {
+    fn finish(self, gradients: bool, left_out: f64) -> Sample {
         let mut sample = self.sample;
-        sample.error += self.variance.sqrt();
+        sample.error += self.variance.sqrt() + left_out;
         sample.has_gradient &= gradients;
         if !sample.has_gradient {
             sample.j = [DMat3::ZERO; 3];

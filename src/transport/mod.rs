@@ -13,6 +13,7 @@ mod gather;
 mod outline;
 mod pair;
 mod sampled;
+mod select;
 mod source;
 
 use glam::{DMat3, DVec3};
@@ -29,6 +30,9 @@ pub struct Options {
     pub estimator: Estimator,
     /// Shadow rays per point and partly hidden light of [`Estimator::Sampled`]. Range: 1..=65536. Default: 64.
     pub samples: u32,
+    /// Irradiance in lux that may be missing: per tile the dimmest lights are left out as long as upper bounds of what they give sum up
+    /// to no more. The sum enters [`Sample::error`]; derivatives lack those lights too. Range: 0 and more. Default: 0, all lights count.
+    pub negligible: f64,
     /// Whether to evaluate `j` and `grad_phi`.
     pub gradients: bool,
 }
@@ -38,6 +42,7 @@ impl Default for Options {
         Self {
             estimator: Estimator::Auto,
             samples: 64,
+            negligible: 0.0,
             gradients: true,
         }
     }
@@ -54,6 +59,11 @@ pub enum Estimator {
     Exact,
     /// Stratified shadow rays over the light's area, weighted so that fully visible lights stay exact. Gives no derivative.
     Sampled,
+}
+
+impl Estimator {
+    /// Each once.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Exact, Self::Sampled];
 }
 
 /// A point that receives light.
@@ -114,6 +124,8 @@ pub struct Counters {
     pub shadow_rays: u64,
     /// Tile × light pairs.
     pub pairs: u64,
+    /// Pairs that were left out because the light cannot give the tile more than [`Options::negligible`].
+    pub pairs_negligible: u64,
     /// Pairs that cannot see each other: below the horizon of the whole tile, or behind the light.
     pub pairs_facing_away: u64,
     /// Pairs with an empty shaft: closed form, no ray.
@@ -132,6 +144,7 @@ impl Counters {
         self.points += other.points;
         self.shadow_rays += other.shadow_rays;
         self.pairs += other.pairs;
+        self.pairs_negligible += other.pairs_negligible;
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
         self.pairs_exact += other.pairs_exact;

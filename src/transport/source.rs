@@ -15,7 +15,7 @@ use crate::math::Aabb;
 const COPLANAR: f64 = 8.0 * f64::EPSILON;
 
 /// A light and its measures.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Source<'a> {
     pub(super) polygon: &'a Polygon,
     plane: Plane,
@@ -58,6 +58,16 @@ impl<'a> Source<'a> {
         self.plane.point
     }
 
+    /// Centre and radius of a sphere that holds the light, world metres.
+    pub(super) fn sphere(&self) -> (DVec3, f64) {
+        (self.centre, self.radius)
+    }
+
+    /// Metres of `position` in front of the light's plane, negative behind it.
+    pub(super) fn plane_distance(&self, position: DVec3) -> f64 {
+        self.plane.normal.dot(position - self.plane.point)
+    }
+
     /// Whether `receiver` sees any of the light when nothing stands in the way.
     pub(super) fn shines_on(&self, receiver: &Receiver) -> bool {
         let horizon = horizon_of(receiver);
@@ -72,7 +82,7 @@ impl<'a> Source<'a> {
 
     /// Metres of `position` in front of the plane, as far as light goes that way: behind a two-sided light as well, 0 where there is none.
     pub(super) fn height(&self, position: DVec3) -> f64 {
-        let height = self.plane.normal.dot(position - self.plane.point);
+        let height = self.plane_distance(position);
         let scale = self.largest_coordinate + position.distance(self.plane.point);
         let dark = height.abs() <= COPLANAR * scale || (height < 0.0 && !self.polygon.two_sided);
         if dark { 0.0 } else { height }
