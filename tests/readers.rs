@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use half::f16;
+use lumel::atlas;
 use lumel::output::{Options, PageFiles};
 use lumel::refine::Field;
 use lumel::scene;
@@ -262,6 +263,47 @@ fn the_validator_finds_no_new_fault_in_real_scenes() {
         assert!(faults.is_empty(), "{name}: {faults:?}");
     }
 }
+
+#[test]
+fn the_validator_finds_no_new_fault_in_real_layouts() {
+    let Some(reader) = Reader::find("validate.mjs") else {
+        return;
+    };
+    let Some(scenes) = support::shared_scenes() else {
+        println!("skipped: no shared scenes");
+        return;
+    };
+    let folder = tempfile::tempdir().expect("temporary folder");
+    // Small pages, so that large meshes are spread over several.
+    let options = atlas::Options {
+        texels_per_metre: 4.0,
+        page: 512,
+        ..atlas::Options::default()
+    };
+    let mut files = Vec::new();
+    for (case, name) in LAID_OUT.into_iter().enumerate() {
+        let path = scenes.join(name);
+        let scene =
+            scene::load(&path, &scene::Options::default()).unwrap_or_else(|e| panic!("{e}"));
+        let atlas = atlas::build(&scene, &options, &|| false).unwrap_or_else(|e| panic!("{e}"));
+        let (written, _) = glb::write(&scene, &atlas, &folder.path().join(case.to_string()));
+        files.extend([path, written]);
+    }
+    let reports = validate(&reader, &files);
+    for (name, reports) in LAID_OUT.iter().zip(reports.chunks(2)) {
+        let faults = new_faults(&reports[0], &reports[1]);
+        assert!(faults.is_empty(), "{name}: {faults:?}");
+    }
+}
+
+/// Scenes that are laid out in a few seconds: one with kept coordinates, one with copies, one with several pages.
+const LAID_OUT: [&str; 5] = [
+    "cornell/babylon_cornell/cornellBox.glb",
+    "khronos/SimpleInstancing/glTF-Binary/SimpleInstancing.glb",
+    "khronos/MultiUVTest/glTF-Binary/MultiUVTest.glb",
+    "levels/bevy_volumetric_fog/VolumetricFogExample.glb",
+    "levels/dive_arena/level.glb",
+];
 
 /// One report per file.
 fn validate(reader: &Reader, files: &[PathBuf]) -> Vec<Value> {

@@ -97,6 +97,7 @@ fn random_unwrap(mesh: &Mesh, index: usize, rng: &mut Rng, part: [usize; 2]) -> 
         primitives,
         n_charts: 4,
         authored: false,
+        texels_per_metre: 8.0,
     })
 }
 

@@ -2,6 +2,8 @@
 
 mod files;
 
+mod container;
+
 pub(crate) mod document;
 
 pub(crate) mod glb;
