@@ -187,7 +187,10 @@ impl Visibility for Occluders<'_> {
             return false;
         };
         let length = (to - from).length();
-        let Some(walk) = self.frame.walk(from, (to - from) / length, length) else {
+        let Some(walk) = (to - from)
+            .try_normalize()
+            .and_then(|direction| self.frame.walk(from, direction, length))
+        else {
             return false;
         };
         !self.bvh.0.ray_traverse_miss(walk.ray, |_, entry| {
@@ -298,9 +301,10 @@ impl Frame {
                 }
             }
             start += skipped * direction;
-            if start.abs().max_element() > FAR {
-                return None;
-            }
+        }
+        // False for what is not finite, too.
+        if !start.abs().cmple(DVec3::splat(FAR)).all() {
+            return None;
         }
         let mut walk = Walk {
             ray: Ray::new(start.as_vec3a(), direction.as_vec3a(), 0.0, 0.0),
