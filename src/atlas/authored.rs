@@ -233,6 +233,8 @@ fn place_in(uv: Vec2, size: u32) -> DVec2 {
 
 /// Texels along the unit square at which half of the surface has more texels per metre than asked and half has fewer.
 fn side(mesh: &Mesh, group: &Group) -> f64 {
+    /// A hundredth of a texel less is nothing; rounding of positions would otherwise make 20 texels 21.
+    const NOTHING: f64 = 0.01;
     let mut needs: Vec<(f64, f64)> = Vec::new();
     for primitive in &mesh.primitives {
         for &triangle in &primitive.triangles {
@@ -255,7 +257,7 @@ fn side(mesh: &Mesh, group: &Group) -> f64 {
             sum += need.1;
             sum >= half
         })
-        .map_or(1.0, |need| need.0.ceil())
+        .map_or(1.0, |need| (need.0 - NOTHING).ceil())
 }
 
 /// The chart of every triangle over all primitives, and the number of charts. Triangles belong to one chart when they share an edge

@@ -1,6 +1,6 @@
 //! Gathers instances that can share one layout: the same mesh, stretched alike, at the same density.
 //!
-//! What a layout depends on is how long edges become and which angles they enclose, that is the Gram matrix MᵀM of the linear part M
+//! What a layout depends on is how long edges become and which angles they enclose, that is the Gram matrix `MᵀM` of the linear part `M`
 //! of the transform; rotation and mirroring leave it alone. The matrix is compared in logarithmic steps, so that a forest of trees of
 //! random size needs a few dozen layouts and not one per tree.
 

@@ -142,7 +142,7 @@ pub struct Unwrap {
     pub size: [u32; 2],
     /// One per primitive of the mesh, in its order; a primitive without a triangle in this part has empty lists.
     pub primitives: Vec<UnwrappedPrimitive>,
-    /// Charts are numbered 0..n_charts over all primitives.
+    /// Charts are numbered `0..n_charts` over all primitives.
     pub n_charts: u32,
     /// Whether it is the authored `TEXCOORD_1`, unchanged but for one scale (`size`).
     pub authored: bool,

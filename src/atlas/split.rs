@@ -8,8 +8,8 @@ use glam::DVec3;
 
 use crate::scene::Mesh;
 
-/// Triangles of a patch. xatlas took 0.1 ms per triangle of a smooth surface in patches of this size, 0.4 ms at four times the size; a quarter
-/// of it makes four times the seams on dense surfaces and saves little, as hard edges cut the others anyway.
+/// Triangles of a patch. On hills of 45,000 triangles xatlas takes 0.03, 0.07 and 0.19 ms per triangle in patches of 256, 1024 and 4096, and
+/// minutes in patches of 16,384; charts get four times as many with every step down. Levels of many small parts do not notice.
 const MAX_TRIANGLES: usize = 1024;
 
 /// The patch of every triangle of `triangles` (vertices numbered over all primitives). Patches are connected over shared positions and

@@ -17,6 +17,10 @@ use super::split;
 use super::xatlas::{self, Input, SPAN};
 use super::{Layout, NO_CHART, Options, Unwrap, UnwrappedPrimitive};
 
+/// xatlas rounds charts up to whole texels. Its own rounding would make a wall of 32 texels 33 wide; this much smaller, it stays at 32
+/// (32 bits come with errors of 1e-6 after a few operations), and others are rounded up all the same.
+const EXACT: f64 = 1.0 - 2e-5;
+
 /// Lays out the mesh of `group`, in as many parts as pages it needs. No part when no triangle has area at this scale.
 ///
 /// # Errors
@@ -98,7 +102,7 @@ fn input(
     let extent = (high - low).max_element();
     // A power of two, so that scaling rounds nothing.
     let units_per_texel = (SPAN / extent).log2().floor().exp2();
-    let texels_per_unit = (1.0 / units_per_texel) as f32;
+    let texels_per_unit = (EXACT / units_per_texel) as f32;
     // False for NaN as well; the smallest and largest floats are no scales to compute with.
     if !(extent > 0.0 && (1e-30..1e30).contains(&texels_per_unit)) {
         return None;

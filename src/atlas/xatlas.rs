@@ -1,6 +1,6 @@
 //! The border to xatlas: the only file that calls it.
 //!
-//! xatlas (Jonathan Young, after Ignacio Castaño's thekla_atlas) is C++ with habits that this file shuts in:
+//! xatlas (Jonathan Young, after Ignacio Castaño's `thekla_atlas`) is C++ with habits that this file shuts in:
 //! - Its areas below `FLT_EPSILON` do not count, whatever the unit; so meshes come scaled to a fixed size and the density goes into
 //!   the packing.
 //! - Coordinates that are not finite, or huge, make it hang; callers hand over coordinates up to [`SPAN`].

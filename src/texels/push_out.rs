@@ -47,6 +47,9 @@ fn nearest_exit(
     let step = texel.du.length().min(texel.dv.length());
     let clearance = LIFT * step + ROUNDING * position.abs().max_element();
     let origin = position + texel.geometric_normal * clearance;
+    // Lines start a little behind the sample: walls often stand where texels have their centres, and a sample on the side of a wall is
+    // half inside. Half the clearance, so that a sample that has stepped off a surface is found free.
+    let run_up = 0.5 * clearance;
     let mut best: Option<(f64, DVec3)> = None;
     for (u, v) in [
         (1.0, 0.0),
@@ -63,14 +66,20 @@ fn nearest_exit(
         let Some(direction) = way.try_normalize() else {
             continue;
         };
-        let Some(hit) = first_hit(origin, direction, length) else {
+        // From a little behind: walls often stand where texels have their centres, and the side of a wall is no place for a sample either.
+        let Some(hit) = first_hit(
+            origin - direction * clearance,
+            direction,
+            length + clearance,
+        ) else {
             continue;
         };
         if !hit.back {
             continue;
         }
         // As far from the surface that was passed as from the one it lies on; a grazed one is left at a tenth of that.
-        let beyond = hit.distance + clearance / direction.dot(hit.normal).abs().max(0.1);
+        let passed = hit.distance - run_up;
+        let beyond = passed + clearance / direction.dot(hit.normal).abs().max(0.1);
         let place = position + direction * beyond;
         if best.is_none_or(|(distance, _)| beyond < distance) && is_within(texel, place) {
             best = Some((beyond, place));

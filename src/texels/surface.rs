@@ -194,7 +194,7 @@ fn shading_normal(normals: [DVec3; 3], weights: [f64; 3], geometric_normal: DVec
 
 /// From a point of a facet to the round surface that the vertex normals describe; zero where the surface is flat, hollow or edged.
 ///
-/// Each vertex has a tangent plane; a point of a convex facet lies below it by h_i. Moving the point by the mean of `h_i n_i` with its
+/// Each vertex has a tangent plane; a point of a convex facet lies below it by `h_i`. Moving the point by the mean of `h_i n_i` with its
 /// barycentric weights goes to the mean of its projections onto the planes. For a circle of radius r and half angle θ that mean
 /// lies 4rθ²t(1−t) above the chord to second order, and the circle 2rθ²t(1−t): so half of it is taken, which stays inside round bodies and
 /// above their facets. Edges are shared, because on an edge only the normals of its two ends have weight.
