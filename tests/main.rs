@@ -5,6 +5,7 @@ mod support;
 // Each stage keeps its promises.
 mod atlas;
 mod cli;
+mod estimators;
 mod exact;
 mod lights;
 mod output;

@@ -134,8 +134,10 @@ impl<'a> Evaluation<'a> {
         progress: &PageProgress,
         execution: &Execution<'_>,
     ) -> Result<Field> {
+        let accepted_error = self.tolerance * self.brightness(texels);
         let options = transport::Options {
-            negligible: SHARE_OF_LEFT_OUT * self.tolerance * self.brightness(texels),
+            accepted_error,
+            negligible: SHARE_OF_LEFT_OUT * accepted_error,
             ..self.options.clone()
         };
         let tiles = refine::every_tile(

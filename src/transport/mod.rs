@@ -30,6 +30,9 @@ pub struct Options {
     pub estimator: Estimator,
     /// Shadow rays per point and partly hidden light of [`Estimator::Sampled`]. Range: 1..=65536. Default: 64.
     pub samples: u32,
+    /// Standard error in lux of a light's irradiance above which a sampled point is sampled again, with as many rays as it takes, 4096 at
+    /// most. Range: 0 and more; 0 never does. Default: 0.
+    pub accepted_error: f64,
     /// Irradiance in lux that may be missing: per tile the dimmest lights are left out as long as upper bounds of what they give sum up
     /// to no more. The sum enters [`Sample::error`]; derivatives lack those lights too. Range: 0 and more. Default: 0, all lights count.
     pub negligible: f64,
@@ -42,6 +45,7 @@ impl Default for Options {
         Self {
             estimator: Estimator::Auto,
             samples: 64,
+            accepted_error: 0.0,
             negligible: 0.0,
             gradients: true,
         }

@@ -21,8 +21,7 @@ const MAX_EDGES: usize = 4096;
 pub(super) struct Part {
     /// Light vector, fluence and, where they are known, derivatives; `rounding` bounds the error where nothing is sampled.
     pub(super) sums: Sums,
-    /// Standard error of the irradiance at the receiver's own normal, steradians. 0 where all samples agree: that proves nothing about
-    /// what lies between them.
+    /// Standard error of the irradiance at the receiver's own normal, steradians; 0 where nothing is sampled.
     pub(super) error: f64,
     /// Rays cast.
     pub(super) rays: u32,
@@ -102,13 +101,14 @@ impl<'a> Pair<'a> {
                 let whole = self
                     .source
                     .unoccluded(receiver, false, &mut scratch.borders)?;
-                Some(sampled::estimate(
+                let radiance = self.source.polygon.radiance.max_element();
+                Some(sampled::estimate_to(
                     &self.source,
                     surface,
                     receiver,
                     &whole,
                     self.light,
-                    self.options.samples,
+                    (self.options.samples, self.options.accepted_error / radiance),
                     self.occluders,
                 ))
             }

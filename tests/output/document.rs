@@ -91,7 +91,6 @@ fn random_unwrap(mesh: &Mesh, index: usize, rng: &mut Rng, part: [usize; 2]) -> 
     }
     let any = primitives.iter().any(|it| !it.triangles.is_empty());
     any.then_some(Unwrap {
-        texels_per_metre: 8.0,
         mesh: index,
         size,
         primitives,
