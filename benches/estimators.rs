@@ -36,7 +36,10 @@ fn main() {
 
 fn cpu_time() -> Duration {
     let time = clock_gettime(ClockId::ThreadCPUTime);
-    Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
+    Duration::new(
+        time.tv_sec.unsigned_abs(),
+        time.tv_nsec.unsigned_abs() as u32,
+    )
 }
 
 /// 8 × 8 blocks of a grid of receivers on the floor.
@@ -108,9 +111,7 @@ fn compare(name: &str, n: usize, half: f64) {
         .collect();
     let n_active: usize = active.iter().map(Vec::len).sum();
     println!("\n{name}: {n_active} active points of {}", n * n);
-    println!(
-        "  method            rays/point  as rays    AvDif    99.9 %  claimed/true  fallbacks"
-    );
+    println!("  method            rays/point  as rays    AvDif    99.9 %  claimed/true  fallbacks");
     let truth = run(&active, Estimator::Exact, 1);
     let brightest = truth
         .samples
@@ -157,7 +158,10 @@ fn compare(name: &str, n: usize, half: f64) {
     }
     for estimator in Estimator::ALL {
         if estimator != Estimator::Sampled {
-            print(&format!("{estimator:?}").to_lowercase(), &run(&active, estimator, 64));
+            print(
+                &format!("{estimator:?}").to_lowercase(),
+                &run(&active, estimator, 64),
+            );
         }
     }
     println!("  ({:.3} µs a ray)", ray * 1e6);

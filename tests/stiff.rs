@@ -190,7 +190,11 @@ fn rows() -> Vec<Row> {
         receiver,
     ));
     let mut carpet = occluders.clone();
-    carpet.extend(quad(DVec3::new(-1.0, 0.0, -1.0), 4.0 * DVec3::Z, 4.0 * DVec3::X));
+    carpet.extend(quad(
+        DVec3::new(-1.0, 0.0, -1.0),
+        4.0 * DVec3::Z,
+        4.0 * DVec3::X,
+    ));
     rows.push(same(
         "an occluder that the receiver lies on",
         room(light.clone(), carpet),
@@ -238,7 +242,11 @@ fn rows() -> Vec<Row> {
     }
 
     let halves = |split: f64| {
-        let left = quad(DVec3::new(-3.0, 2.0, -3.0), (3.0 + split) * DVec3::X, 6.0 * DVec3::Z);
+        let left = quad(
+            DVec3::new(-3.0, 2.0, -3.0),
+            (3.0 + split) * DVec3::X,
+            6.0 * DVec3::Z,
+        );
         let right = quad(
             DVec3::new(split, 2.0, -3.0),
             (3.0 - split) * DVec3::X,
@@ -307,8 +315,8 @@ fn stiff_cases_have_the_documented_values() {
             let got = sample.irradiance(row.receiver.normal).x;
             let scale = if row.want == 0.0 { 1.0 } else { row.want };
             let off = (got - row.want).abs() / scale;
-            let right = !matches!(estimator, Estimator::Exact | Estimator::Auto)
-                || off <= row.tolerance;
+            let right =
+                !matches!(estimator, Estimator::Exact | Estimator::Auto) || off <= row.tolerance;
             if !(finite && got >= 0.0 && right) {
                 bad.push(format!(
                     "{}: {estimator:?}: expected {:e}, got {got:e}, off by {off:e}",

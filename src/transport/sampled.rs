@@ -38,9 +38,8 @@ pub(super) fn estimate_to<V: Visibility + ?Sized>(
     (samples, accepted): (u32, f64),
     visibility: &V,
 ) -> Part {
-    let again = |light, samples| {
-        estimate(source, surface, receiver, whole, light, samples, visibility)
-    };
+    let again =
+        |light, samples| estimate(source, surface, receiver, whole, light, samples, visibility);
     let pilot = again(light, samples);
     if accepted <= 0.0 || pilot.error <= accepted {
         return pilot;
