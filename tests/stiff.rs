@@ -123,8 +123,8 @@ fn rows() -> Vec<Row> {
     // Far and small: radiance × area / distance², to (size / distance)².
     rows.push(Row {
         name: "a light of 1 mm at 10 km",
-        scene: room(lamp(1e-3, 1e4), Vec::new()),
-        receiver: up(DVec3::ZERO),
+        scene: room(lamp(1e-3, 0.0), Vec::new()),
+        receiver: up(DVec3::new(0.0, -1e4, 0.0)),
         want: f64::from(1e-3_f32).powi(2) / 1e8,
         tolerance: 1e-7,
     });

@@ -180,7 +180,17 @@ fn decide_files(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
         "nobody asked (--outputs error); its figures are in the manifest",
     );
     plan.decide_file("preview", Output::Preview, true, "to look at");
-    plan.decide_file("glb", Output::Glb, true, "carries the lightmap coordinates");
+    let from_document = !scene.path.as_os_str().is_empty();
+    plan.decide_file(
+        "glb",
+        Output::Glb,
+        from_document,
+        if from_document {
+            "carries the lightmap coordinates"
+        } else {
+            "the scene was not read from a document"
+        },
+    );
 }
 
 fn count_triangles(scene: &Scene, test: impl Fn(Alpha) -> bool) -> usize {

@@ -414,9 +414,7 @@ impl View {
                 let at_border = [p, q].map(|place| self.chain[inside.chain].side(place));
                 if self.is_near(at_border) {
                     overlap([p, q], inside.places, |t| breaks.push(t));
-                } else if differ(at_border)
-                    && differ(inside.places.map(|place| (q - p).perp_dot(place - p)))
-                {
+                } else if differ(at_border) && differ(self.across([p, q], inside)) {
                     breaks.push(zero_of(at_border));
                 }
             }
@@ -498,12 +496,23 @@ impl View {
                 overlap(inside.places, side, |t| breaks.push(t));
                 continue;
             }
-            let along = side[1] - side[0];
-            let at_edge = inside.places.map(|place| along.perp_dot(place - side[0]));
-            if differ(at_border) && differ(at_edge) {
-                breaks.push(zero_of(at_edge));
+            if differ(at_border) && differ(self.across(side, inside)) {
+                let along = side[1] - side[0];
+                let t = zero_of(inside.places.map(|place| along.perp_dot(place - side[0])));
+                if 0.0 < t && t < 1.0 {
+                    breaks.push(t);
+                }
             }
         }
+    }
+
+    /// On which sides of a side of the border the ends of an edge lie, before it was cut to the light's rectangle: the cut lies on the
+    /// border itself, where rounding would decide.
+    fn across(&self, [from, to]: [DVec2; 2], inside: &Inside) -> [f64; 2] {
+        let along = to - from;
+        self.chain[inside.chain]
+            .images
+            .map(|image| along.perp_dot(image.truncate() - image.z * from))
     }
 
     /// Whether the edge bounds the visible region at `middle`, and if so, whether that lies on its left.
