@@ -1,5 +1,7 @@
 //! Every surface gets its own place in the lightmap, whatever the mesh looks like.
 
+#![expect(clippy::print_stdout, reason = "says what was skipped")]
+
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use lumel::Error;
 use lumel::atlas::{self, Atlas, NO_CHART, Options, Uv};
@@ -372,6 +374,28 @@ fn a_triangle_larger_than_a_page_gets_fewer_texels_and_the_rest_does_not() {
         .sum();
     // Charts grow to whole texels, never shrink.
     assert!(cube_area >= 6.0 * 64.0 * 0.999, "{cube_area}");
+}
+
+#[test]
+fn a_triangle_of_any_size_is_fitted_to_a_page() {
+    // Made smaller, it comes out rounded up or down; rounded up it once filled page after page.
+    for case in 0..300 {
+        let mut rng = Rng::new(case);
+        let side = |low: f64, high: f64, rng: &mut Rng| {
+            DVec3::new(
+                rng.range(-1.0, 1.0),
+                rng.range(-1.0, 1.0),
+                rng.range(-1.0, 1.0),
+            ) * rng.range(low, high)
+        };
+        let (a, b) = (side(30.0, 300.0, &mut rng), side(1.0, 300.0, &mut rng));
+        let scene = scene_of(&[(scene::Material::default(), vec![[DVec3::ZERO, a, b]])]);
+        let options = Options {
+            page: 128 + 4 * (case as u32 % 30),
+            ..unwrap_always()
+        };
+        build(&scene, &options);
+    }
 }
 
 #[test]

@@ -256,8 +256,9 @@ fn project(triangles: Vec<u32>, normal: DVec3, surface: &Surface) -> Chart {
 
 /// Halves a chart along its longer side, between its triangles, until every piece fits; single triangles are made smaller.
 fn cut(mut chart: Chart, room: f64, pieces: &mut Vec<Chart>) -> Option<Shrunk> {
-    // Charts span one texel less than they read.
-    let limit = room - 1.0;
+    // Charts span one texel less than they read. A thousandth less again, as a chart that is made as large as that comes out rounded, and
+    // another texel wide if upwards.
+    let limit = room - 1.0 - 1e-3;
     let extent = chart.extent();
     let too_large = extent.max_element() / limit;
     if too_large <= 1.0 {

@@ -148,7 +148,8 @@ fn widen(spans: &[Range<i32>], margin: usize) -> Vec<Range<i32>> {
         .collect()
 }
 
-/// Seats all charts on pages of at most `room`² texels, margins included; as few pages as it finds, small ones if one is enough.
+/// Seats all charts, none of which is larger than `room` texels with its margins, on pages of that size; as few as it finds, a small one if
+/// one is enough.
 pub(super) fn seats(outlines: &[Outline], room: i32) -> Vec<Seat> {
     let mut order: Vec<usize> = (0..outlines.len()).collect();
     order.sort_by_key(|&index| {
@@ -195,7 +196,7 @@ pub(super) fn seats(outlines: &[Outline], room: i32) -> Vec<Seat> {
     }
     best.map(|(_, seats)| seats)
         .or_else(|| sit(outlines, &order, room, room, usize::MAX))
-        .unwrap_or_default()
+        .expect("charts are cut to fit a page")
 }
 
 /// Charts up to which several widths are tried: 500 charts take some 10 ms per width.
@@ -213,7 +214,7 @@ fn used(outlines: &[Outline], seats: &[Seat]) -> [i32; 2] {
     used
 }
 
-/// Seats charts in `order` on pages of `width` × `height`; `None` when more than `max_pages` are needed.
+/// Seats charts in `order` on pages of `width` × `height`; `None` when more than `max_pages` are needed, or a chart is too large for any.
 fn sit(
     outlines: &[Outline],
     order: &[usize],
@@ -232,7 +233,12 @@ fn sit(
         let mut page = 0;
         loop {
             if page == pages.len() {
-                if page == max_pages {
+                // A chart that does not even fit an empty page fits none.
+                if page == max_pages
+                    || pages
+                        .last()
+                        .is_some_and(|last| last.iter().all(|&y| y == 0))
+                {
                     return None;
                 }
                 pages.push(vec![0; width as usize]);
