@@ -11,6 +11,7 @@ mod output;
 mod scene;
 mod texels;
 mod transport;
+mod vedel;
 mod visibility;
 
 // The whole.

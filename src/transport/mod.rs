@@ -3,7 +3,7 @@
 //! [`gather()`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
 //! outline ([`contour`]; `distant` for lights small for their distance), clipped to the horizon (`clip`), exact to rounding. Elsewhere
 //! (`pair` decides) the outlines of the occluders (`outline`) are clipped against it (`exact`), which is as exact, or shadow rays say how
-//! much of it is seen (`sampled`).
+//! much of it is seen (`sampled`) or where its contour runs (`vedel`).
 
 mod clip;
 pub mod contour;
@@ -14,12 +14,14 @@ mod outline;
 mod pair;
 mod sampled;
 mod source;
+mod vedel;
 
 use glam::{DMat3, DVec3};
 
 pub use self::contour::Sums;
 pub use self::gather::gather;
 use self::source::Source;
+pub use self::vedel::Options as VedelOptions;
 use crate::lights::Polygon;
 
 /// How light is evaluated.
@@ -29,8 +31,13 @@ pub struct Options {
     pub estimator: Estimator,
     /// Shadow rays per point and partly hidden light of [`Estimator::Sampled`]. Range: 1..=65536. Default: 64.
     pub samples: u32,
+    /// How [`Estimator::Vedel`] looks.
+    pub vedel: VedelOptions,
     /// Whether to evaluate `j` and `grad_phi`.
     pub gradients: bool,
+    /// For comparison only: `j` of partly hidden lights by the formula of Vedel's appendix, which is wrong where contours cross.
+    #[doc(hidden)]
+    pub appendix_derivative: bool,
 }
 
 impl Default for Options {
@@ -38,7 +45,9 @@ impl Default for Options {
         Self {
             estimator: Estimator::Auto,
             samples: 64,
+            vedel: VedelOptions::default(),
             gradients: true,
+            appendix_derivative: false,
         }
     }
 }
@@ -54,6 +63,9 @@ pub enum Estimator {
     Exact,
     /// Stratified shadow rays over the light's area, weighted so that fully visible lights stay exact. Gives no derivative.
     Sampled,
+    /// The contour of the visible part, traced with rays as C. Vedel published it in 1993: a baseline for comparison. Misses occluders
+    /// that lie between its first samples.
+    Vedel,
 }
 
 /// A point that receives light.
@@ -124,6 +136,8 @@ pub struct Counters {
     pub edges: u64,
     /// Pairs that were sampled.
     pub pairs_sampled: u64,
+    /// Pairs that were traced as Vedel does.
+    pub pairs_vedel: u64,
 }
 
 impl Counters {
@@ -137,6 +151,7 @@ impl Counters {
         self.pairs_exact += other.pairs_exact;
         self.edges += other.edges;
         self.pairs_sampled += other.pairs_sampled;
+        self.pairs_vedel += other.pairs_vedel;
     }
 }
 
