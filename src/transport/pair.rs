@@ -166,17 +166,15 @@ impl<'a> Pair<'a> {
             return None;
         }
         visible.clear();
-        let options = self.options;
-        let outcome = vedel::visible_contour(
-            &self.source,
+        let view = vedel::View {
+            source: &self.source,
             frame,
-            receiver,
-            borders,
-            (&options.vedel, self.light, options.gradients),
-            self.occluders,
-            vedel,
-            visible,
-        );
+            light: self.light,
+            options: &self.options.vedel,
+            in_depth: self.options.gradients,
+            visibility: self.occluders,
+        };
+        let outcome = view.visible_contour(receiver, borders, vedel, visible);
         Some(Part {
             sums: self.sum(visible, receiver),
             error: outcome.error,

@@ -31,6 +31,7 @@ use super::Receiver;
 use super::contour::Piece;
 use super::source::Source;
 use crate::lights::Polygon;
+use crate::math;
 use crate::visibility::Visibility;
 
 /// How [`super::Estimator::Vedel`] looks at a light. The defaults are those of the paper: nine first samples, five steps.
@@ -213,102 +214,153 @@ pub(super) struct Outcome {
     pub(super) rays: u32,
 }
 
-/// Contour of the part of a light that `receiver` sees.
-///
-/// `borders` are the light's contours above the horizon, relative to the receiver. Appends to `pieces`; each lies on the light's border or, with
-/// `depths`, on the chord between two places of the occluder, else on the light.
-pub(super) fn visible_contour<V: Visibility + ?Sized>(
-    source: &Source<'_>,
-    frame: &Frame,
-    receiver: &Receiver,
-    borders: &[Piece],
-    (options, light, depths): (&Options, u64, bool),
-    visibility: &V,
-    scratch: &mut Scratch,
-    pieces: &mut Vec<Piece>,
-) -> Outcome {
-    let settings = options.settings(crate::math::hash(receiver.seed, light, 0));
-    let Scratch { lattice, lines, border } = scratch;
-    let Some(grid) = grid(source, frame, receiver, borders, settings, visibility, border) else {
-        pieces.extend_from_slice(borders);
-        return Outcome { error: 0.0, rays: 0 };
-    };
-    let mut tracer = Tracer::new(&grid, settings, lattice, lines);
-    tracer.trace();
-    let corner = tracer.look([0, 0]);
-    let mut rays = tracer.rays();
-
-    let traced = Traced::new(lines, f64::from(settings.side()), corner);
-    for (piece, side) in borders.iter().zip(&*border) {
-        traced.for_each_visible_part(*side, |start, end| {
-            let at = |t: f64| piece.a + t * (piece.b - piece.a);
-            pieces.push(Piece { a: at(start), b: at(end), ..*piece });
-        });
-    }
-    let depths = if depths { depths_of(&grid, lines) } else { Vec::new() };
-    rays += depths.len() as u32;
-    let depth = |place: Place| {
-        let index = depths.binary_search_by_key(&place, |(known, _)| *known);
-        index.map_or(1.0, |index| depths[index].1)
-    };
-    let is_front = source.height(receiver.position) > 0.0;
-    let mut error = 0.0;
-    for line in &*lines {
-        let ends = line.ends.map(|end| grid.at(end.at) * depth(end.hidden));
-        let [near, far] = line.ends.map(|end| depth(end.hidden));
-        // What is seen at parameter t of the line on the light, on the chord in front of it.
-        let at = |t: f64| {
-            let tau = t * near / ((1.0 - t) * far + t * near);
-            ends[0] + tau * (ends[1] - ends[0])
-        };
-        border::for_each_inner_part(line.ends.map(|end| end.at), border, |start, end| {
-            error += line.error * (end - start);
-            // A contour is clockwise as the receiver sees it.
-            let (a, b) = if is_front { (end, start) } else { (start, end) };
-            pieces.push(Piece { a: at(a), b: at(b), horizon: false });
-        });
-    }
-    Outcome { error, rays }
+/// A light that rays look at.
+pub(super) struct View<'a, V: ?Sized> {
+    pub(super) source: &'a Source<'a>,
+    pub(super) frame: &'a Frame,
+    /// Names the light in random choices.
+    pub(super) light: u64,
+    pub(super) options: &'a Options,
+    /// Whether to find out where in front of the light the contour lies, which its derivative needs and its light does not.
+    pub(super) in_depth: bool,
+    pub(super) visibility: &'a V,
 }
 
-/// Spans the grid over what is above the horizon and puts that, in lattice coordinates, into `border`; `None` when it has no area.
-fn grid<'a, V: Visibility + ?Sized>(
-    source: &Source<'a>,
-    frame: &Frame,
-    receiver: &'a Receiver,
-    borders: &[Piece],
-    settings: Settings,
-    visibility: &'a V,
-    border: &mut Vec<[DVec2; 2]>,
-) -> Option<Grid<'a, V>> {
-    let origin = frame.origin - receiver.position;
-    let place = |point: DVec3| {
-        let [u, v] = frame.duals.map(|dual| dual.dot(point - origin));
-        DVec2::new(u, v)
-    };
-    border.clear();
-    border.extend(borders.iter().map(|side| [place(side.a), place(side.b)]));
-    let places = || border.iter().flatten().copied();
-    let low = places().fold(DVec2::INFINITY, DVec2::min);
-    let high = places().fold(DVec2::NEG_INFINITY, DVec2::max);
-    let side = f64::from(settings.side());
-    let step = (high - low) / side;
-    if !(step.min_element() > 0.0 && step.is_finite()) {
-        return None;
+impl<V: Visibility + ?Sized> View<'_, V> {
+    /// Contour of the part that `receiver` sees.
+    ///
+    /// `borders` are the light's contours above the horizon, relative to the receiver. Appends to `pieces`, each on the light's border, on
+    /// the chord between two places of the occluder, or when those are not asked for, on the light.
+    pub(super) fn visible_contour(
+        &self,
+        receiver: &Receiver,
+        borders: &[Piece],
+        scratch: &mut Scratch,
+        pieces: &mut Vec<Piece>,
+    ) -> Outcome {
+        let Scratch {
+            lattice,
+            lines,
+            border,
+        } = scratch;
+        let seed = math::hash(receiver.seed, self.light, 0);
+        let settings = self.options.settings(seed);
+        let Some(grid) = self.grid(receiver, borders, settings.side(), border) else {
+            // A sliver along the horizon, or of a light without area: next to nothing, whether hidden or not.
+            pieces.extend_from_slice(borders);
+            return Outcome {
+                error: 0.0,
+                rays: 0,
+            };
+        };
+        let mut tracer = Tracer::new(&grid, settings, lattice, lines);
+        tracer.trace();
+        let traced = Traced::new(lines, f64::from(settings.side()), lattice.origin());
+        for (piece, side) in borders.iter().zip(&*border) {
+            traced.for_each_visible_part(*side, |start, end| {
+                let at = |t: f64| piece.a + t * (piece.b - piece.a);
+                pieces.push(Piece {
+                    a: at(start),
+                    b: at(end),
+                    ..*piece
+                });
+            });
+        }
+        let depths = if self.in_depth {
+            depths_of(&grid, lines)
+        } else {
+            Vec::new()
+        };
+        let is_front = self.source.height(receiver.position) > 0.0;
+        let mut error = 0.0;
+        for line in &*lines {
+            let chord = Chord::new(&grid, &depths, line);
+            border::for_each_inner_part(line.ends.map(|end| end.at), border, |start, end| {
+                error += line.error * (end - start);
+                // A contour is clockwise as the receiver sees it.
+                let (from, to) = if is_front { (end, start) } else { (start, end) };
+                pieces.push(Piece {
+                    a: chord.at(from),
+                    b: chord.at(to),
+                    horizon: false,
+                });
+            });
+        }
+        Outcome {
+            error,
+            rays: (lattice.n_filled() + depths.len()) as u32,
+        }
     }
-    for place in border.iter_mut().flatten() {
-        *place = (*place - low) / step;
+
+    /// Spans the grid over what is above the horizon and puts that, in lattice coordinates, into `border`; `None` when it has no area.
+    fn grid<'b>(
+        &'b self,
+        receiver: &'b Receiver,
+        borders: &[Piece],
+        side: u32,
+        border: &mut Vec<[DVec2; 2]>,
+    ) -> Option<Grid<'b, V>> {
+        let origin = self.frame.origin - receiver.position;
+        let place = |point: DVec3| {
+            let [u, v] = self.frame.duals.map(|dual| dual.dot(point - origin));
+            DVec2::new(u, v)
+        };
+        border.clear();
+        border.extend(borders.iter().map(|side| [place(side.a), place(side.b)]));
+        let places = || border.iter().flatten().copied();
+        let low = places().fold(DVec2::INFINITY, DVec2::min);
+        let high = places().fold(DVec2::NEG_INFINITY, DVec2::max);
+        let step = (high - low) / f64::from(side);
+        if !(step.min_element() > 0.0 && step.is_finite()) {
+            return None;
+        }
+        for place in border.iter_mut().flatten() {
+            *place = (*place - low) / step;
+        }
+        let [u, v] = self.frame.axes;
+        let steps = [u * step.x, v * step.y];
+        Some(Grid {
+            receiver,
+            polygon: self.source.polygon,
+            visibility: self.visibility,
+            corner: origin + low.x * u + low.y * v,
+            steps,
+            step_area: steps[0].cross(steps[1]).length(),
+        })
     }
-    let [u, v] = frame.axes;
-    let steps = [u * step.x, v * step.y];
-    Some(Grid {
-        receiver,
-        polygon: source.polygon,
-        visibility,
-        corner: origin + low.x * u + low.y * v,
-        steps,
-        step_area: steps[0].cross(steps[1]).length(),
-    })
+}
+
+/// A line on the light and, in front of it or on it, what makes it.
+struct Chord {
+    /// Relative to the receiver, metres.
+    ends: [DVec3; 2],
+    /// Their depths relative to the light's.
+    depths: [f64; 2],
+}
+
+impl Chord {
+    fn new<V: Visibility + ?Sized>(
+        grid: &Grid<'_, V>,
+        depths: &[(Place, f64)],
+        line: &Line,
+    ) -> Self {
+        let depths = line.ends.map(|end| {
+            let index = depths.binary_search_by_key(&end.hidden, |(place, _)| *place);
+            index.map_or(1.0, |index| depths[index].1)
+        });
+        let [from, to] = line.ends.map(|end| grid.at(end.at));
+        Self {
+            ends: [from * depths[0], to * depths[1]],
+            depths,
+        }
+    }
+
+    /// What is seen in the direction of the point at parameter `t` of the line on the light.
+    fn at(&self, t: f64) -> DVec3 {
+        let [near, far] = self.depths;
+        let tau = t * near / ((1.0 - t) * far + t * near);
+        self.ends[0] + tau * (self.ends[1] - self.ends[0])
+    }
 }
 
 /// Depths of the hidden samples beside the lines' ends, each looked up once, sorted.

@@ -45,3 +45,32 @@ fn fixed_ends(a: DVec3, b: DVec3) -> DMat3 {
     });
     0.5 * (outer(n, d_beta) + beta * DMat3::from_cols(d_n[0], d_n[1], d_n[2]))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::contour;
+
+    #[test]
+    fn a_contour_of_real_corners_has_the_same_derivative_either_way() {
+        let corners = [
+            DVec3::new(1.0, 0.2, 0.4),
+            DVec3::new(0.3, 1.0, 0.7),
+            DVec3::new(-0.5, 0.6, 1.1),
+            DVec3::new(-0.2, 0.1, 1.3),
+        ];
+        let pieces: Vec<Piece> = (0..4)
+            .map(|k| Piece {
+                a: corners[k],
+                b: corners[(k + 1) % 4],
+                horizon: false,
+            })
+            .collect();
+        let by_edges = contour::sum(&pieces, DVec3::Z, true).j;
+        let by_ends = jacobian(&pieces);
+        for axis in 0..3 {
+            let error = (by_edges.col(axis) - by_ends.col(axis)).length();
+            assert!(error < 1e-14, "column {axis}: {by_edges} {by_ends}");
+        }
+    }
+}

@@ -50,6 +50,16 @@ impl Lattice {
         }
     }
 
+    /// Whether the sample (0, 0) is seen.
+    pub(super) fn origin(&self) -> bool {
+        self.seen.first().copied().flatten().unwrap_or(true)
+    }
+
+    /// How many samples were taken.
+    pub(super) fn n_filled(&self) -> usize {
+        self.filled.len()
+    }
+
     fn slot(&self, [column, row]: Place) -> usize {
         row as usize * (self.side as usize + 1) + column as usize
     }
@@ -153,13 +163,8 @@ impl<'a, E: Eye> Tracer<'a, E> {
         }
     }
 
-    /// Rays traced since the start.
-    pub(super) fn rays(&self) -> u32 {
-        self.lattice.filled.len() as u32
-    }
-
     /// Whether the receiver sees the sample; traced when asked for the first time.
-    pub(super) fn look(&mut self, place: Place) -> bool {
+    fn look(&mut self, place: Place) -> bool {
         let slot = self.lattice.slot(place);
         if let Some(seen) = self.lattice.seen[slot] {
             return seen;
@@ -204,8 +209,12 @@ impl<'a, E: Eye> Tracer<'a, E> {
         let bends = || bends.iter().flatten();
         let eye = self.eye;
         let strip = |bend: &Bend| eye.strip([bend.exit.at, bend.enter.at]);
-        let own = || self.settings.threshold * bends().map(strip).sum::<f64>();
-        let threshold = threshold.unwrap_or_else(own);
+        let own = || self.settings.threshold.abs() * bends().map(strip).sum::<f64>();
+        let threshold = if self.settings.threshold < 0.0 {
+            own()
+        } else {
+            threshold.unwrap_or_else(own)
+        };
         let difference: f64 = bends().map(|bend| bend.difference(eye)).sum();
         if size > 1 && difference > threshold {
             return self.subdivide(corners, size, depth, Some(threshold));
@@ -309,7 +318,11 @@ impl<'a, E: Eye> Tracer<'a, E> {
             let (next, before) = (corners[(k + 1) % 4], corners[(k + 3) % 4]);
             let after = self.dichotomy(corners[k], next);
             let ahead = self.dichotomy(before, corners[k]);
-            let (exit, enter) = if joined { (ahead, after) } else { (after, ahead) };
+            let (exit, enter) = if joined {
+                (ahead, after)
+            } else {
+                (after, ahead)
+            };
             Some(Bend {
                 exit,
                 middle: has_middle.then(|| self.dichotomy(corners[k], centre)),
@@ -368,4 +381,204 @@ fn distance(a: Place, b: Place) -> u32 {
 
 fn middle(a: Place, b: Place) -> Place {
     [a[0].midpoint(b[0]), a[1].midpoint(b[1])]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::border::{Traced, for_each_inner_part};
+    use super::*;
+
+    /// Sees where a field is positive that is given at the corners of a square of `side` steps and bilinear in between. Form factors are areas.
+    struct Field {
+        side: f64,
+        corners: [f64; 4],
+    }
+
+    impl Field {
+        fn value(&self, x: f64, y: f64) -> f64 {
+            let [a, b, c, d] = self.corners;
+            (a * (1.0 - x) + b * x) * (1.0 - y) + (d * (1.0 - x) + c * x) * y
+        }
+
+        fn area(&self) -> f64 {
+            let n = 512;
+            let at = |k: u32| (f64::from(k) + 0.5) / f64::from(n);
+            let n_seen = (0..n * n)
+                .filter(|index| self.value(at(index % n), at(index / n)) > 0.0)
+                .count();
+            n_seen as f64 / f64::from(n * n)
+        }
+    }
+
+    impl Eye for Field {
+        fn sees(&self, place: Place) -> bool {
+            let [x, y] = place.map(|k| f64::from(k) / self.side);
+            self.value(x, y) > 0.0
+        }
+
+        fn triangle(&self, [a, b, c]: [DVec2; 3]) -> f64 {
+            0.5 * (b - a).perp_dot(c - a).abs()
+        }
+
+        fn strip(&self, [a, b]: [DVec2; 2]) -> f64 {
+            (b - a).length()
+        }
+    }
+
+    fn settings(cells: u32, steps: u32, threshold: f64) -> Settings {
+        Settings {
+            cells,
+            steps,
+            threshold,
+            seed: 3,
+        }
+    }
+
+    /// Visible area of a unit square by its contour, counter-clockwise; its claimed error; samples.
+    fn traced_area(eye: &impl Eye, settings: Settings) -> (f64, f64, usize) {
+        let (mut lattice, mut lines) = (Lattice::default(), Vec::new());
+        Tracer::new(eye, settings, &mut lattice, &mut lines).trace();
+        let side = f64::from(settings.side());
+        let corners = [[0.0, 0.0], [side, 0.0], [side, side], [0.0, side]].map(DVec2::from_array);
+        let border: Vec<_> = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]).collect();
+        let traced = Traced::new(&lines, side, lattice.origin());
+        let (mut area, mut error) = (0.0, 0.0);
+        let mut add = |[from, to]: [DVec2; 2], start: f64, end: f64| {
+            let at = |t: f64| from + t * (to - from);
+            area += 0.5 * at(start).perp_dot(at(end));
+        };
+        for line in &lines {
+            let ends = line.ends.map(|end| end.at);
+            error += line.error;
+            for_each_inner_part(ends, &border, |start, end| add(ends, start, end));
+        }
+        for &piece in &border {
+            traced.for_each_visible_part(piece, |start, end| add(piece, start, end));
+        }
+        let scale = side * side;
+        (area / scale, error / scale, lattice.n_filled())
+    }
+
+    #[test]
+    fn all_sixteen_configurations_enclose_what_is_seen() {
+        for pattern in 0..16u64 {
+            for case in 0..40 {
+                let corners = [0, 1, 2, 3].map(|k| {
+                    let [size, _] = math::unit_pair(math::hash(pattern, case, k));
+                    let sign = if pattern >> k & 1 == 1 { 1.0 } else { -1.0 };
+                    sign * (0.1 + size)
+                });
+                // Five steps and one square, as it is; subdivided down to the lattice; and from a dense grid.
+                for (cells, steps, threshold, tolerance) in
+                    [(1, 5, 1e9, 0.12), (1, 6, 0.0, 0.04), (16, 2, 1.0, 0.04)]
+                {
+                    let settings = settings(cells, steps, threshold);
+                    let side = f64::from(settings.side());
+                    let field = Field { side, corners };
+                    let want = field.area();
+                    let (got, error, _) = traced_area(&field, settings);
+                    assert!(
+                        (got - want).abs() < tolerance,
+                        "pattern {pattern:04b} case {case}, {cells} cells: {got} not {want}"
+                    );
+                    // A single square does not know what it does not look at.
+                    assert!(
+                        cells == 1 && threshold > 1.0 || (got - want).abs() <= 3.0 * error + 1e-3,
+                        "pattern {pattern:04b} case {case}: {got} not {want}, claims {error}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_straight_shadow_edge_costs_two_crossings_and_one_check() {
+        let field = Field {
+            side: 32.0,
+            corners: [-0.4, 0.6, 0.6, -0.4],
+        };
+        let (area, _, n_samples) = traced_area(&field, settings(1, 5, 1.0));
+        assert!((area - 0.6).abs() < 1.0 / 64.0, "area {area}");
+        assert_eq!(n_samples, 4 + 3 * 5);
+    }
+
+    /// Hides a disc.
+    struct Disc {
+        centre: DVec2,
+        radius: f64,
+    }
+
+    impl Eye for Disc {
+        fn sees(&self, place: Place) -> bool {
+            position(place).distance(self.centre) > self.radius
+        }
+
+        fn triangle(&self, [a, b, c]: [DVec2; 3]) -> f64 {
+            0.5 * (b - a).perp_dot(c - a).abs()
+        }
+
+        fn strip(&self, [a, b]: [DVec2; 2]) -> f64 {
+            (b - a).length()
+        }
+    }
+
+    #[test]
+    fn no_sample_is_taken_twice_however_often_the_grid_is_refined() {
+        /// Hides every other sample: the worst there is.
+        struct Checkers(std::cell::RefCell<Vec<Place>>);
+
+        impl Eye for Checkers {
+            fn sees(&self, place: Place) -> bool {
+                self.0.borrow_mut().push(place);
+                (place[0] + place[1]) % 2 == 0
+            }
+
+            fn triangle(&self, _corners: [DVec2; 3]) -> f64 {
+                1.0
+            }
+
+            fn strip(&self, _ends: [DVec2; 2]) -> f64 {
+                0.1
+            }
+        }
+
+        let eye = Checkers(std::cell::RefCell::default());
+        let mut field = settings(2, 3, 1.0);
+        field.seed = 0;
+        let (_, _, n_samples) = traced_area(&eye, field);
+        let mut asked = eye.0.into_inner();
+        asked.sort_unstable();
+        let n_asked = asked.len();
+        asked.dedup();
+        assert_eq!((n_asked, n_samples), (asked.len(), asked.len()));
+        assert!(n_asked <= 17 * 17);
+    }
+
+    #[test]
+    fn a_disc_across_squares_is_consistent_and_converges() {
+        for case in 0..100 {
+            let [x, y] = math::unit_pair(math::hash(case, 8, 0));
+            let [size, _] = math::unit_pair(math::hash(case, 8, 1));
+            let mut errors = Vec::new();
+            for cells in [4, 16] {
+                let settings = settings(cells, 4, 1.0);
+                let side = f64::from(settings.side());
+                let disc = Disc {
+                    centre: side * DVec2::new(0.4 + 0.2 * x, 0.4 + 0.2 * y),
+                    radius: side * (0.2 + 0.15 * size),
+                };
+                let want = 1.0 - std::f64::consts::PI * (disc.radius / side).powi(2);
+                let (got, claimed, _) = traced_area(&disc, settings);
+                errors.push((got - want).abs());
+                assert!(
+                    (got - want).abs() <= 3.0 * claimed,
+                    "case {case}: {got} not {want}"
+                );
+            }
+            assert!(
+                errors[0] < 0.015 && errors[1] < 0.003,
+                "case {case}: {errors:?}"
+            );
+        }
+    }
 }
