@@ -22,8 +22,8 @@ const MAX_EDGES: usize = 4096;
 pub(super) struct Part {
     /// Light vector, fluence and, where they are known, derivatives; `rounding` bounds the error where nothing is sampled.
     pub(super) sums: Sums,
-    /// Standard error of the irradiance at the receiver's own normal, steradians. 0 where all samples agree: that proves nothing about
-    /// what lies between them.
+    /// Standard error of the irradiance at the receiver's own normal, steradians, or what a traced contour may be off. 0 where all samples
+    /// agree: that proves nothing about what lies between them.
     pub(super) error: f64,
     /// Rays cast.
     pub(super) rays: u32,

@@ -1,7 +1,7 @@
 //! The derivative of Vedel's appendix, for comparison: every piece turns about ends that are fixed in space.
 //!
 //! That is right for a contour of real corners and wrong where a silhouette crosses the light's border or another silhouette, since the
-//! crossing slides along both as the receiver moves: nearly every contour in a penumbra has such corners. [`super::super::contour`] has
+//! crossing slides along both as the receiver moves: nearly every contour in a penumbra has such corners. [`crate::transport::contour`] has
 //! the right derivative.
 //!
 //! With a, b the ends relative to the receiver, w = a × b, n = w/|w|, β the angle between a and b, and a move δ of the receiver:

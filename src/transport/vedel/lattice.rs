@@ -20,8 +20,8 @@ pub(super) trait Eye {
     /// Form factor of a triangle of the light, in lattice coordinates, any consistent unit.
     fn triangle(&self, corners: [DVec2; 3]) -> f64;
 
-    /// Form factor of a strip of the light along a line, one lattice step wide, in the same unit.
-    fn strip(&self, ends: [DVec2; 2]) -> f64;
+    /// Form factor of a small part of the light around a place, of an area in lattice steps squared, in the same unit.
+    fn element(&self, place: DVec2, area: f64) -> f64;
 }
 
 /// The sample array.
@@ -208,13 +208,9 @@ impl<'a, E: Eye> Tracer<'a, E> {
         let bends = self.bends(corners, seen, size);
         let bends = || bends.iter().flatten();
         let eye = self.eye;
-        let strip = |bend: &Bend| eye.strip([bend.exit.at, bend.enter.at]);
-        let own = || self.settings.threshold.abs() * bends().map(strip).sum::<f64>();
-        let threshold = if self.settings.threshold < 0.0 {
-            own()
-        } else {
-            threshold.unwrap_or_else(own)
-        };
+        let strip = |bend: &Bend| bend.strip(eye);
+        let own = || self.settings.threshold * bends().map(strip).sum::<f64>();
+        let threshold = threshold.unwrap_or_else(own);
         let difference: f64 = bends().map(|bend| bend.difference(eye)).sum();
         if size > 1 && difference > threshold {
             return self.subdivide(corners, size, depth, Some(threshold));
@@ -350,6 +346,18 @@ impl<'a, E: Eye> Tracer<'a, E> {
 }
 
 impl Bend {
+    /// Form factor of what lies between the simple contour's extremes when its ends move through the intervals they are known to be in:
+    /// the paper's strip of the width of an interval. As an area of the lattice it does not depend on how stretched the light is.
+    fn strip(&self, eye: &impl Eye) -> f64 {
+        let (exit, enter) = (self.exit, self.enter);
+        let chord = enter.at - exit.at;
+        let half_swept = |end: Crossing| chord.perp_dot(end.at - position(end.hidden)).abs();
+        eye.element(
+            0.5 * (exit.at + enter.at),
+            half_swept(exit) + half_swept(enter),
+        )
+    }
+
     /// Form factor of what the middle crossing adds or takes away.
     fn difference(&self, eye: &impl Eye) -> f64 {
         self.middle.map_or(0.0, |middle| {
@@ -385,8 +393,8 @@ fn middle(a: Place, b: Place) -> Place {
 
 #[cfg(test)]
 mod tests {
-    use super::super::border::{Traced, for_each_inner_part};
     use super::*;
+    use crate::transport::vedel::border::{Traced, for_each_inner_part};
 
     /// Sees where a field is positive that is given at the corners of a square of `side` steps and bilinear in between. Form factors are areas.
     struct Field {
@@ -420,8 +428,8 @@ mod tests {
             0.5 * (b - a).perp_dot(c - a).abs()
         }
 
-        fn strip(&self, [a, b]: [DVec2; 2]) -> f64 {
-            (b - a).length()
+        fn element(&self, _place: DVec2, area: f64) -> f64 {
+            area
         }
     }
 
@@ -468,9 +476,9 @@ mod tests {
                     let sign = if pattern >> k & 1 == 1 { 1.0 } else { -1.0 };
                     sign * (0.1 + size)
                 });
-                // Five steps and one square, as it is; subdivided down to the lattice; and from a dense grid.
+                // One square as it is, which turns a hyperbola into two bends; subdivided down to the lattice; from a dense grid.
                 for (cells, steps, threshold, tolerance) in
-                    [(1, 5, 1e9, 0.12), (1, 6, 0.0, 0.04), (16, 2, 1.0, 0.04)]
+                    [(1, 5, 1e9, 0.2), (1, 6, 0.0, 0.04), (16, 2, 1.0, 0.04)]
                 {
                     let settings = settings(cells, steps, threshold);
                     let side = f64::from(settings.side());
@@ -517,8 +525,8 @@ mod tests {
             0.5 * (b - a).perp_dot(c - a).abs()
         }
 
-        fn strip(&self, [a, b]: [DVec2; 2]) -> f64 {
-            (b - a).length()
+        fn element(&self, _place: DVec2, area: f64) -> f64 {
+            area
         }
     }
 
@@ -530,22 +538,20 @@ mod tests {
         impl Eye for Checkers {
             fn sees(&self, place: Place) -> bool {
                 self.0.borrow_mut().push(place);
-                (place[0] + place[1]) % 2 == 0
+                (place[0] + place[1]).is_multiple_of(2)
             }
 
             fn triangle(&self, _corners: [DVec2; 3]) -> f64 {
                 1.0
             }
 
-            fn strip(&self, _ends: [DVec2; 2]) -> f64 {
+            fn element(&self, _place: DVec2, _area: f64) -> f64 {
                 0.1
             }
         }
 
         let eye = Checkers(std::cell::RefCell::default());
-        let mut field = settings(2, 3, 1.0);
-        field.seed = 0;
-        let (_, _, n_samples) = traced_area(&eye, field);
+        let (_, _, n_samples) = traced_area(&eye, settings(2, 3, 1.0));
         let mut asked = eye.0.into_inner();
         asked.sort_unstable();
         let n_asked = asked.len();
@@ -576,7 +582,7 @@ mod tests {
                 );
             }
             assert!(
-                errors[0] < 0.015 && errors[1] < 0.003,
+                errors[0] < 0.02 && errors[1] < 0.004,
                 "case {case}: {errors:?}"
             );
         }
