@@ -1,5 +1,10 @@
 //! Vedel's estimator against the exact contour: what it is good for as a baseline, and what it is known to get wrong.
 
+#![expect(
+    clippy::print_stdout,
+    reason = "the figures of a baseline are looked up"
+)]
+
 use glam::{DMat3, DVec3};
 use lumel::lights::{self, Lights};
 use lumel::scene::{self, Material, Scene};
@@ -220,13 +225,14 @@ fn a_thin_occluder_between_the_first_samples_is_missed_until_they_are_dense() {
     assert!(fine.av_dif() < 0.05);
 }
 
+/// Metres of central differences: truncation grows with its square, rounding with its inverse.
+const STEP: f64 = 1e-5;
+
 #[test]
 fn on_exact_contours_the_edge_form_is_right_and_the_appendix_is_not() {
     let scene = fixture("slab");
     let lights = lights::collect(&scene, &lights::Options::default());
     let occluders = Occluders::build(&scene);
-    // Truncation grows with the step squared, rounding with its inverse.
-    const STEP: f64 = 1e-5;
     // Off the floor, which a step down would hide the light.
     let lifted = |receiver: &Receiver, offset: DVec3| Receiver {
         position: receiver.position + offset + 0.01 * DVec3::Y,
