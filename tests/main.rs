@@ -13,6 +13,7 @@ mod scene;
 mod stiff;
 mod texels;
 mod transport;
+mod vedel;
 mod visibility;
 
 // The whole.

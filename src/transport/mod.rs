@@ -3,7 +3,7 @@
 //! [`gather()`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
 //! outline ([`contour`]; `distant` for lights small for their distance), clipped to the horizon (`clip`), exact to rounding. Elsewhere
 //! (`pair` decides) the outlines of the occluders (`outline`) are clipped against it (`exact`), which is as exact, or shadow rays say how
-//! much of it is seen (`sampled`).
+//! much of it is seen (`sampled`) or where its contour runs (`vedel`).
 
 mod clip;
 pub mod contour;
@@ -15,12 +15,14 @@ mod pair;
 mod sampled;
 mod select;
 mod source;
+mod vedel;
 
 use glam::{DMat3, DVec3};
 
 pub use self::contour::Sums;
 pub use self::gather::gather;
 use self::source::Source;
+pub use self::vedel::Options as VedelOptions;
 use crate::lights::Polygon;
 
 /// How light is evaluated.
@@ -36,8 +38,13 @@ pub struct Options {
     /// Irradiance in lux that may be missing: per tile the dimmest lights are left out as long as upper bounds of what they give sum up
     /// to no more. The sum enters [`Sample::error`]; derivatives lack those lights too. Range: 0 and more. Default: 0, all lights count.
     pub negligible: f64,
+    /// How [`Estimator::Vedel`] looks.
+    pub vedel: VedelOptions,
     /// Whether to evaluate `j` and `grad_phi`.
     pub gradients: bool,
+    /// For comparison only: `j` of partly hidden lights by the formula of Vedel's appendix, which is wrong where contours cross.
+    #[doc(hidden)]
+    pub appendix_derivative: bool,
 }
 
 impl Default for Options {
@@ -47,7 +54,9 @@ impl Default for Options {
             samples: 64,
             accepted_error: 0.0,
             negligible: 0.0,
+            vedel: VedelOptions::default(),
             gradients: true,
+            appendix_derivative: false,
         }
     }
 }
@@ -63,11 +72,14 @@ pub enum Estimator {
     Exact,
     /// Stratified shadow rays over the light's area, weighted so that fully visible lights stay exact. Gives no derivative.
     Sampled,
+    /// The contour of the visible part, traced with rays as C. Vedel published it in 1993: a baseline for comparison. Misses occluders
+    /// that lie between its first samples.
+    Vedel,
 }
 
 impl Estimator {
     /// Each once.
-    pub const ALL: [Self; 3] = [Self::Auto, Self::Exact, Self::Sampled];
+    pub const ALL: [Self; 4] = [Self::Auto, Self::Exact, Self::Sampled, Self::Vedel];
 }
 
 /// A point that receives light.
@@ -140,6 +152,8 @@ pub struct Counters {
     pub edges: u64,
     /// Pairs that were sampled.
     pub pairs_sampled: u64,
+    /// Pairs that were traced as Vedel does.
+    pub pairs_vedel: u64,
 }
 
 impl Counters {
@@ -154,6 +168,7 @@ impl Counters {
         self.pairs_exact += other.pairs_exact;
         self.edges += other.edges;
         self.pairs_sampled += other.pairs_sampled;
+        self.pairs_vedel += other.pairs_vedel;
     }
 }
 

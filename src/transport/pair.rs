@@ -7,6 +7,7 @@ use super::exact;
 use super::outline::Outline;
 use super::sampled;
 use super::source::{Source, Surface};
+use super::vedel;
 use super::{Counters, Estimator, Options, Receiver};
 use crate::math::Aabb;
 use crate::visibility::{Occluders, Shaft};
@@ -21,7 +22,8 @@ const MAX_EDGES: usize = 4096;
 pub(super) struct Part {
     /// Light vector, fluence and, where they are known, derivatives; `rounding` bounds the error where nothing is sampled.
     pub(super) sums: Sums,
-    /// Standard error of the irradiance at the receiver's own normal, steradians; 0 where nothing is sampled.
+    /// Standard error of the irradiance at the receiver's own normal, steradians, or what a traced contour may be off; 0 where the contour
+    /// is exact.
     pub(super) error: f64,
     /// Rays cast.
     pub(super) rays: u32,
@@ -32,6 +34,7 @@ pub(super) struct Part {
 pub(super) struct Scratch {
     borders: Vec<Piece>,
     visible: Vec<Piece>,
+    vedel: vedel::Scratch,
 }
 
 /// A light and how it is looked at from one tile.
@@ -52,6 +55,8 @@ enum Way<'a> {
     Exact { front: Outline, back: Outline },
     /// Shadow rays to points on the light.
     Sampled(Surface<'a>),
+    /// Shadow rays that trace the contour.
+    Vedel(vedel::Frame),
 }
 
 impl<'a> Pair<'a> {
@@ -72,6 +77,7 @@ impl<'a> Pair<'a> {
                 counters.edges += (front.n_edges() + back.n_edges()) as u64;
             }
             Way::Sampled(_) => counters.pairs_sampled += 1,
+            Way::Vedel(_) => counters.pairs_vedel += 1,
         }
         Self {
             source,
@@ -97,6 +103,7 @@ impl<'a> Pair<'a> {
                 })
             }
             Way::Exact { front, back } => self.clip(receiver, front, back, scratch),
+            Way::Vedel(frame) => self.trace(receiver, frame, scratch),
             Way::Sampled(surface) => {
                 let whole = self
                     .source
@@ -122,7 +129,9 @@ impl<'a> Pair<'a> {
         back: &Outline,
         scratch: &mut Scratch,
     ) -> Option<Part> {
-        let Scratch { borders, visible } = scratch;
+        let Scratch {
+            borders, visible, ..
+        } = scratch;
         if !self.source.outline(receiver, receiver.position, borders) {
             return None;
         }
@@ -134,13 +143,52 @@ impl<'a> Pair<'a> {
         };
         visible.clear();
         let shift = exact::visible_contour(receiver.position, borders, away, outline, visible);
-        let mut sums = contour::sum(visible, receiver.normal, self.options.gradients);
+        let mut sums = self.sum(visible, receiver);
         sums.rounding += exact::rounding(visible, shift);
         Some(Part {
             sums,
             error: 0.0,
             rays: 0,
         })
+    }
+
+    fn trace(
+        &self,
+        receiver: &Receiver,
+        frame: &vedel::Frame,
+        scratch: &mut Scratch,
+    ) -> Option<Part> {
+        let Scratch {
+            borders,
+            visible,
+            vedel,
+        } = scratch;
+        if !self.source.outline(receiver, receiver.position, borders) {
+            return None;
+        }
+        visible.clear();
+        let view = vedel::View {
+            source: &self.source,
+            frame,
+            light: self.light,
+            options: &self.options.vedel,
+            in_depth: self.options.gradients,
+            visibility: self.occluders,
+        };
+        let outcome = view.visible_contour(receiver, borders, vedel, visible);
+        Some(Part {
+            sums: self.sum(visible, receiver),
+            error: outcome.error,
+            rays: outcome.rays,
+        })
+    }
+
+    fn sum(&self, visible: &[Piece], receiver: &Receiver) -> Sums {
+        let mut sums = contour::sum(visible, receiver.normal, self.options.gradients);
+        if self.options.appendix_derivative && sums.has_gradient {
+            sums.j = vedel::appendix::jacobian(visible);
+        }
+        sums
     }
 }
 
@@ -163,6 +211,9 @@ fn choose<'a>(
     };
     if candidates.is_empty() {
         return Way::Open;
+    }
+    if options.estimator == Estimator::Vedel {
+        return Way::Vedel(vedel::Frame::new(polygon));
     }
     // A contour knows edges of triangles, not of what is painted on them.
     let masked = candidates.iter().any(|id| occluders.is_masked(*id));

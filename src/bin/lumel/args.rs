@@ -331,6 +331,8 @@ pub(crate) enum EstimatorArg {
     Exact,
     /// Stratified shadow rays over the light's area
     Sampled,
+    /// The contour traced with shadow rays as published by Vedel in 1993, for comparison; misses small occluders
+    Vedel,
 }
 
 impl From<EstimatorArg> for Estimator {
@@ -339,6 +341,7 @@ impl From<EstimatorArg> for Estimator {
             EstimatorArg::Auto => Self::Auto,
             EstimatorArg::Exact => Self::Exact,
             EstimatorArg::Sampled => Self::Sampled,
+            EstimatorArg::Vedel => Self::Vedel,
         }
     }
 }

@@ -106,14 +106,13 @@ pub(crate) fn bake_summary(report: &Report, directory: &Path, seconds: f64) -> S
         ),
     );
     lines.add("lights", &number(&counters["lights"]));
+    let count = |name: &str| light[name].as_u64().unwrap_or(0);
     lines.add(
         "rays",
         &format!(
             "{}; {} of {} pairs of tile and light needed none",
             number(&light["shadow_rays"]),
-            grouped(
-                light["pairs"].as_u64().unwrap_or(0) - light["pairs_sampled"].as_u64().unwrap_or(0)
-            ),
+            grouped(count("pairs") - count("pairs_sampled") - count("pairs_vedel")),
             number(&light["pairs"]),
         ),
     );
