@@ -10,6 +10,7 @@ mod lights;
 mod output;
 mod scene;
 mod texels;
+mod traced;
 mod transport;
 mod visibility;
 

@@ -50,6 +50,7 @@ pub fn gather(
             }
         }
     }
+    counters.points_fallback = scratch.fallbacks;
     let samples = totals
         .into_iter()
         .map(|total| total.finish(options.gradients))

@@ -2,18 +2,20 @@
 //!
 //! [`gather()`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
 //! outline ([`contour`]; `distant` for lights small for their distance), clipped to the horizon (`clip`), exact to rounding. Elsewhere
-//! (`pair` decides) the outlines of the occluders (`outline`) are clipped against it (`exact`), which is as exact, or shadow rays say how
-//! much of it is seen (`sampled`).
+//! (`pair` decides) the outlines of the occluders (`outline`) are clipped against it (`exact`), which is as exact, or found by rays and
+//! followed (`traced`), or shadow rays say how much of it is seen (`sampled`).
 
 mod clip;
 pub mod contour;
 mod distant;
 mod exact;
+mod frame;
 mod gather;
 mod outline;
 mod pair;
 mod sampled;
 mod source;
+mod traced;
 
 use glam::{DMat3, DVec3};
 
@@ -54,6 +56,9 @@ pub enum Estimator {
     Exact,
     /// Stratified shadow rays over the light's area, weighted so that fully visible lights stay exact. Gives no derivative.
     Sampled,
+    /// The contour of the visible part, found by rays and followed along the meshes, with derivatives; may miss what passes between the
+    /// rays. Exact where that is doubtful.
+    Traced,
 }
 
 /// A point that receives light.
@@ -124,6 +129,10 @@ pub struct Counters {
     pub edges: u64,
     /// Pairs that were sampled.
     pub pairs_sampled: u64,
+    /// Pairs whose visible contour was traced.
+    pub pairs_traced: u64,
+    /// Evaluations of a light at a point that were to be traced and were clipped exactly instead.
+    pub points_fallback: u64,
 }
 
 impl Counters {
@@ -137,6 +146,8 @@ impl Counters {
         self.pairs_exact += other.pairs_exact;
         self.edges += other.edges;
         self.pairs_sampled += other.pairs_sampled;
+        self.pairs_traced += other.pairs_traced;
+        self.points_fallback += other.points_fallback;
     }
 }
 

@@ -331,6 +331,8 @@ pub(crate) enum EstimatorArg {
     Exact,
     /// Stratified shadow rays over the light's area
     Sampled,
+    /// The contour of the visible part, found by few rays and followed along the meshes; exact where that is doubtful
+    Traced,
 }
 
 impl From<EstimatorArg> for Estimator {
@@ -339,6 +341,7 @@ impl From<EstimatorArg> for Estimator {
             EstimatorArg::Auto => Self::Auto,
             EstimatorArg::Exact => Self::Exact,
             EstimatorArg::Sampled => Self::Sampled,
+            EstimatorArg::Traced => Self::Traced,
         }
     }
 }
