@@ -6,9 +6,10 @@
 //! ([`arrangement`]); every loop that they form bounds either visible light or something hidden, which a ray already cast or one more ray
 //! decides. Every piece lies on the 3D edge that generates it, so what is found is exact and has exact derivatives.
 //!
-//! What can go wrong is that an outline is not found. Two things are checked. The contour must agree with all rays. And every connected part of
-//! the tile's occluders that may stand before the light must have been hit by a ray; otherwise, and whenever anything else is
-//! doubtful, the receiver is handed over to [`super::exact`].
+//! What can go wrong is that an outline is not found. Therefore the outlines of coarse meshes, and of every connected part of the tile's
+//! occluders that may stand before the light but was hit by no ray, are looked up edge by edge. And the contour must be closed and
+//! agree with all rays; when it does not, and whenever anything else is doubtful, the receiver is handed over to [`super::exact`].
+//! What is left are holes and bulges of a fine mesh that lie between the rays although the rays hit the mesh elsewhere.
 //!
 //! Only lights that appear as convex quadrilaterals above the horizon are traced.
 //!
@@ -34,12 +35,16 @@ use crate::visibility::{Edges, Occluders, Visibility};
 /// is left, at a fifth of the error.
 pub(super) const CELLS: usize = 4;
 
+/// Triangles of a connected part up to which all its outlines are looked up, instead of waiting for rays to meet them. That costs as much as a
+/// few rays; what a coarse mesh hides, a post or a bar, passes between the rays more easily than what a fine one does.
+const FEW_TRIANGLES: usize = 256;
+
 /// Connected parts before a light above which tracing is not tried. Most parts of a soup are hit by no ray of the lattice, so the
 /// rays would be wasted; fewer would give up scenes that 25 rays can still account for.
 const MAX_COMPONENTS: usize = 25;
 
-/// Rays for one receiver; with more, clipping is cheaper.
-const MAX_RAYS: u32 = 200;
+/// Rays for one receiver per lattice point: 200 in all with 4² cells; with more, clipping is cheaper.
+const MAX_RAYS: usize = 8;
 
 /// Outline edges for one receiver.
 const MAX_SEGMENTS: usize = 4096;
@@ -67,10 +72,23 @@ pub(super) struct Tile<'a> {
     edges: &'a Edges,
     /// Ascending.
     candidates: Vec<u32>,
+    /// What each of them has at each of its sides.
+    neighbours: Vec<[Neighbour; 3]>,
     /// The connected part that each of them belongs to.
     components: Vec<u32>,
     /// World boxes of the connected parts.
     boxes: Vec<Aabb>,
+    /// How many triangles each of them has.
+    sizes: Vec<usize>,
+}
+
+/// The other candidates at a side of a triangle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Neighbour {
+    None,
+    /// Its place among the candidates.
+    One(u32),
+    Several,
 }
 
 /// What tracing finds.
@@ -94,31 +112,28 @@ impl<'a> Tile<'a> {
         candidates: Vec<u32>,
         (point, normal): (DVec3, DVec3),
     ) -> Option<Self> {
-        let edges = occluders.edges();
-        let corners = |id: u32| {
-            edges.corners[id as usize].map(|corner| edges.vertices[corner as usize])
+        let mut tile = Self {
+            occluders,
+            edges: occluders.edges(),
+            candidates,
+            neighbours: Vec::new(),
+            components: Vec::new(),
+            boxes: Vec::new(),
+            sizes: Vec::new(),
         };
+        let n_triangles = tile.candidates.len();
         let is_before = |vertex: DVec3| {
             let rounding = BOX_SLACK * (vertex.abs().max_element() + point.abs().max_element());
             normal.dot(vertex - point) > rounding
         };
-        if !candidates.iter().all(|&id| corners(id).into_iter().all(is_before)) {
+        if !(0..n_triangles).all(|triangle| tile.corners(triangle).into_iter().all(is_before)) {
             return None;
         }
-        let components = connected(edges, &candidates);
-        let n_components = components.iter().max().map_or(0, |last| *last as usize + 1);
-        let mut boxes = vec![Aabb::EMPTY; n_components];
-        for (&id, &component) in candidates.iter().zip(&components) {
-            let grown = &mut boxes[component as usize];
-            *grown = grown.union(Aabb::from_points(corners(id)));
-        }
-        Some(Self {
-            occluders,
-            edges,
-            candidates,
-            components,
-            boxes,
-        })
+        tile.neighbours = (0..n_triangles)
+            .map(|triangle| [0, 1, 2].map(|side| tile.neighbour(triangle, side)))
+            .collect();
+        tile.find_components();
+        Some(tile)
     }
 
     /// What may hide some of the light from some receiver, ascending.
@@ -126,9 +141,67 @@ impl<'a> Tile<'a> {
         &self.candidates
     }
 
-    /// Whether `triangle` is a candidate.
-    fn has(&self, triangle: u32) -> bool {
-        self.candidates.binary_search(&triangle).is_ok()
+    /// The place of a triangle of the scene among the candidates.
+    fn place(&self, triangle: u32) -> Option<usize> {
+        self.candidates.binary_search(&triangle).ok()
+    }
+
+    fn corners(&self, triangle: usize) -> [DVec3; 3] {
+        self.edges.corners[self.candidates[triangle] as usize]
+            .map(|corner| self.edges.vertices[corner as usize])
+    }
+
+    fn sides(&self, triangle: usize) -> [u32; 3] {
+        self.edges.sides[self.candidates[triangle] as usize]
+    }
+
+    /// Candidates that have `edge`, and which of their sides it is.
+    fn around_edge(&self, edge: u32) -> impl Iterator<Item = (usize, usize)> {
+        self.edges
+            .around_edge(edge)
+            .filter_map(|(triangle, side)| Some((self.place(triangle)?, side)))
+    }
+
+    fn neighbour(&self, triangle: usize, side: usize) -> Neighbour {
+        let edge = self.sides(triangle)[side];
+        let mut others = self.around_edge(edge).filter(|(other, _)| *other != triangle);
+        match (others.next(), others.next()) {
+            (None, _) => Neighbour::None,
+            (Some((other, _)), None) => Neighbour::One(other as u32),
+            _ => Neighbour::Several,
+        }
+    }
+
+    /// Numbers the parts that hang together by edges, and finds their boxes.
+    fn find_components(&mut self) {
+        const NONE: u32 = u32::MAX;
+        self.components = vec![NONE; self.candidates.len()];
+        let mut stack = Vec::new();
+        for start in 0..self.candidates.len() {
+            if self.components[start] != NONE {
+                continue;
+            }
+            let component = self.boxes.len() as u32;
+            let (mut bounds, mut size) = (Aabb::EMPTY, 0);
+            self.components[start] = component;
+            stack.push(start);
+            while let Some(triangle) = stack.pop() {
+                size += 1;
+                bounds = bounds.union(Aabb::from_points(self.corners(triangle)));
+                for edge in self.sides(triangle) {
+                    for (other, _) in self.edges.around_edge(edge) {
+                        if let Some(other) = self.place(other)
+                            && self.components[other] == NONE
+                        {
+                            self.components[other] = component;
+                            stack.push(other);
+                        }
+                    }
+                }
+            }
+            self.boxes.push(bounds);
+            self.sizes.push(size);
+        }
     }
 
     /// The contour of the part of the light that `receiver` sees, with a start lattice of `cells`² cells, and the rays cast for it.
@@ -144,19 +217,20 @@ impl<'a> Tile<'a> {
         surface: &[u32],
         cells: usize,
     ) -> (Outcome, u32) {
-        let before = self.before(receiver, borders);
-        if before.is_empty() {
-            return (Outcome::Open, 0);
-        }
         let quadrilateral = borders.len() == 4 && borders.iter().all(|border| !border.horizon);
         let frame = Frame::new(borders, away, frame::rounding(receiver, borders));
-        let (Some(frame), true, true) =
-            (frame, quadrilateral, before.len() <= MAX_COMPONENTS)
-        else {
+        let (Some(frame), true) = (frame, quadrilateral) else {
             return (Outcome::Unclear, 0);
         };
         let mut tracer = Tracer::new(self, receiver, borders, frame, surface);
         if !tracer.is_convex() {
+            return (Outcome::Unclear, 0);
+        }
+        let before = self.before(receiver, borders);
+        if before.is_empty() {
+            return (Outcome::Open, 0);
+        }
+        if before.len() > MAX_COMPONENTS {
             return (Outcome::Unclear, 0);
         }
         tracer.look_at_lattice(cells, &before);
@@ -166,10 +240,7 @@ impl<'a> Tile<'a> {
 
     /// Connected parts whose boxes reach into the pyramid from `receiver` to the light.
     fn before(&self, receiver: DVec3, borders: &[Piece]) -> Vec<usize> {
-        let planes: Vec<DVec3> = borders
-            .iter()
-            .map(|border| border.a.cross(border.b - border.a))
-            .collect();
+        let planes = pyramid(borders);
         (0..self.boxes.len())
             .filter(|&component| {
                 let grown = self.relative_box(component, receiver);
@@ -190,53 +261,14 @@ impl<'a> Tile<'a> {
             max: bounds.max - receiver + slack,
         }
     }
-
-    /// Whether a triangle of a connected part reaches into the pyramid from `receiver` to the light.
-    fn reaches_before(&self, component: usize, receiver: DVec3, borders: &[Piece]) -> bool {
-        let planes: Vec<DVec3> = borders
-            .iter()
-            .map(|border| border.a.cross(border.b - border.a))
-            .collect();
-        let of_component = self.candidates.iter().zip(&self.components);
-        of_component
-            .filter(|(_, its)| **its as usize == component)
-            .any(|(&id, _)| {
-                let corners = self.edges.corners[id as usize]
-                    .map(|corner| self.edges.vertices[corner as usize] - receiver);
-                planes
-                    .iter()
-                    .all(|plane| corners.iter().any(|corner| plane.dot(*corner) > 0.0))
-            })
-    }
 }
 
-/// Numbers the parts of `candidates` that hang together by edges, per candidate.
-fn connected(edges: &Edges, candidates: &[u32]) -> Vec<u32> {
-    const NONE: u32 = u32::MAX;
-    let mut components = vec![NONE; candidates.len()];
-    let mut next = 0;
-    let mut stack = Vec::new();
-    for start in 0..candidates.len() {
-        if components[start] != NONE {
-            continue;
-        }
-        components[start] = next;
-        stack.push(start);
-        while let Some(place) = stack.pop() {
-            for edge in edges.sides[candidates[place] as usize] {
-                for (other, _) in edges.around_edge(edge) {
-                    if let Ok(other) = candidates.binary_search(&other)
-                        && components[other] == NONE
-                    {
-                        components[other] = next;
-                        stack.push(other);
-                    }
-                }
-            }
-        }
-        next += 1;
-    }
-    components
+/// Inward normals of the planes through the receiver and the sides of a convex light.
+fn pyramid(borders: &[Piece]) -> Vec<DVec3> {
+    borders
+        .iter()
+        .map(|border| border.a.cross(border.b - border.a))
+        .collect()
 }
 
 /// A point of the light and what is known of it.
@@ -261,6 +293,8 @@ struct Tracer<'a> {
     rays: u32,
     /// Per connected part whether a ray hit it.
     met: Vec<bool>,
+    /// A point of the light that was seen.
+    seen_at: Option<DVec3>,
     samples: Vec<Sample>,
     /// Pairs of neighbours, and whether the mesh was walked between them.
     links: Vec<([usize; 2], bool)>,
@@ -314,6 +348,7 @@ impl<'a> Tracer<'a> {
             high: high + margin,
             rays: 0,
             met: vec![false; tile.boxes.len()],
+            seen_at: None,
             samples: Vec::new(),
             links: Vec::new(),
             segments,
@@ -344,8 +379,12 @@ impl<'a> Tracer<'a> {
             target / distance,
             distance * (1.0 - SHORT_OF_THE_LIGHT),
             &|triangle| surface.binary_search(&triangle).is_ok(),
-        )?;
-        if let Ok(place) = tile.candidates.binary_search(&hit.triangle) {
+        );
+        let Some(hit) = hit else {
+            self.seen_at = Some(target);
+            return None;
+        };
+        if let Some(place) = tile.place(hit.triangle) {
             self.met[tile.components[place] as usize] = true;
         }
         Some(hit.triangle)
@@ -368,7 +407,12 @@ impl<'a> Tracer<'a> {
                 let target = (1.0 - v) * ((1.0 - u) * corners[0] + u * corners[1])
                     + v * ((1.0 - u) * corners[3] + u * corners[2]);
                 let may_be_hidden = boxes.iter().any(|bounds| is_crossed(bounds, target));
-                let hit = if may_be_hidden { self.look(target) } else { None };
+                let hit = if may_be_hidden {
+                    self.look(target)
+                } else {
+                    self.seen_at = Some(target);
+                    None
+                };
                 let here = self.samples.len();
                 if i > 0 {
                     self.links.push(([here - 1, here], false));
@@ -408,20 +452,24 @@ impl<'a> Tracer<'a> {
 
     /// `None` when it cannot be made out.
     fn contour(&mut self, borders: &[Piece], before: &[usize]) -> Option<Outcome> {
-        let tile = self.mesh.tile;
-        let n_hidden = self.samples.iter().filter(|sample| sample.hit.is_some()).count();
-        if n_hidden == self.samples.len() {
-            return Some(Outcome::Contour(Vec::new()));
-        }
-        if before.iter().any(|&component| {
-            !self.met[component] && tile.reaches_before(component, self.receiver, borders)
-        }) {
-            return None;
-        }
-        if n_hidden == 0 {
-            return Some(Outcome::Open);
-        }
+        let sizes = &self.mesh.tile.sizes;
+        self.look_up(borders, |component| sizes[component] <= FEW_TRIANGLES)?;
+        self.look_between_hidden()?;
         self.find_outlines(false)?;
+        if before.iter().any(|&component| !self.met[component]) {
+            // They lie between the rays, or behind others.
+            let met = self.met.clone();
+            self.look_up(borders, |component| !met[component])?;
+        }
+        if self.segments.len() == borders.len() {
+            let all_seen = self.samples.iter().all(|sample| sample.hit.is_none());
+            if all_seen {
+                return Some(Outcome::Open);
+            }
+            if self.seen_at.is_none() {
+                return Some(Outcome::Contour(Vec::new()));
+            }
+        }
         let mut thorough = false;
         for _ in 0..MAX_ROUNDS {
             let mut arrangement = Arrangement::new(&self.segments)?;
@@ -474,33 +522,88 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// Finds the outline between a visible and a hidden place that light passes by.
-    fn walk(&mut self, seen: &Sample, hidden: &Sample) -> Option<()> {
-        let mut triangle = hidden.hit?;
-        for _ in 0..MAX_SURFACES {
-            let (edge, s) = self.mesh.leave(triangle, hidden.target, seen.target)?;
-            let beside = s + BESIDE;
-            let target = hidden.target + beside * (seen.target - hidden.target);
-            match (beside < 1.0).then(|| self.look(target)).flatten() {
-                Some(next) => triangle = next,
-                None => {
-                    self.follow(edge)?;
-                    if let Some(Some(segment)) = self.visited.get(&edge) {
-                        let t = self.segments[*segment].parameter(self.frame.place(target));
-                        let seen = Knowledge {
-                            seen: true,
-                            ..Knowledge::default()
-                        };
-                        self.notes.push((*segment, t, seen));
-                    }
-                    return Some(());
-                }
+    fn has_cast_enough(&self) -> bool {
+        self.rays as usize > MAX_RAYS * self.samples.len()
+    }
+
+    /// Walks between hidden neighbours: light may come through a slit.
+    fn look_between_hidden(&mut self) -> Option<()> {
+        for index in 0..self.links.len() {
+            let ([a, b], _) = self.links[index];
+            let (a, b) = (self.samples[a], self.samples[b]);
+            if a.hit.is_none() || b.hit.is_none() || (self.is_looked_up(&a) && self.is_looked_up(&b)) {
+                continue;
             }
-            if self.rays > MAX_RAYS {
-                return None;
+            if self.walk(&b, &a)? {
+                self.walk(&a, &b)?;
             }
         }
+        Some(())
+    }
+
+    /// Walks from a hidden place towards another one and adds the first outline that light passes by; false when there is none.
+    fn walk(&mut self, to: &Sample, from: &Sample) -> Option<bool> {
+        let mut triangle = from.hit?;
+        for _ in 0..MAX_SURFACES {
+            let (edge, s) = self.mesh.leave(triangle, from.target, to.target)?;
+            let beside = s + BESIDE;
+            let target = from.target + beside * (to.target - from.target);
+            if beside >= 1.0 {
+                if to.hit.is_some() {
+                    return Some(false);
+                }
+                if s > 1.0 + BESIDE {
+                    return None;
+                }
+            } else if let Some(next) = self.look(target) {
+                triangle = next;
+                if self.has_cast_enough() {
+                    return None;
+                }
+                continue;
+            }
+            self.follow(edge)?;
+            if let Some(Some(segment)) = self.visited.get(&edge) {
+                let t = self.segments[*segment].parameter(self.frame.place(target));
+                let seen = Knowledge {
+                    seen: true,
+                    ..Knowledge::default()
+                };
+                self.notes.push((*segment, t, seen));
+            }
+            return Some(true);
+        }
         None
+    }
+
+    /// Adds the outlines of the connected parts that `wanted` accepts.
+    fn look_up(&mut self, borders: &[Piece], wanted: impl Fn(usize) -> bool) -> Option<()> {
+        let tile = self.mesh.tile;
+        let planes = pyramid(borders);
+        for triangle in 0..tile.candidates.len() {
+            if !wanted(tile.components[triangle] as usize) {
+                continue;
+            }
+            let corners = tile.corners(triangle).map(|corner| corner - self.receiver);
+            let reaches_inside = planes
+                .iter()
+                .all(|plane| corners.iter().any(|corner| plane.dot(*corner) > 0.0));
+            if reaches_inside {
+                for edge in tile.sides(triangle) {
+                    self.follow(edge)?;
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// Whether all outlines of what hides a sample were looked up.
+    fn is_looked_up(&self, sample: &Sample) -> bool {
+        let tile = self.mesh.tile;
+        sample
+            .hit
+            .and_then(|triangle| tile.place(triangle))
+            .is_some_and(|place| tile.sizes[tile.components[place] as usize] <= FEW_TRIANGLES)
     }
 
     /// Adds the outline that `edge` is part of, as far as it lies before the light.
@@ -569,7 +672,7 @@ impl<'a> Tracer<'a> {
             if let Some(triangle) = hit {
                 self.follow_what_hides(triangle, target)?;
             }
-            if self.rays > MAX_RAYS {
+            if self.has_cast_enough() {
                 return None;
             }
         }
@@ -578,8 +681,10 @@ impl<'a> Tracer<'a> {
 
     /// Something unknown hides a place that nothing known covers: adds its outline.
     fn follow_what_hides(&mut self, triangle: u32, target: DVec3) -> Option<()> {
-        let seen = self.samples.iter().find(|sample| sample.hit.is_none())?;
-        let (edge, _) = self.mesh.leave(triangle, target, seen.target)?;
+        let Some(seen) = self.seen_at else {
+            return Some(());
+        };
+        let (edge, _) = self.mesh.leave(triangle, target, seen)?;
         self.follow(edge)
     }
 
@@ -625,3 +730,6 @@ fn is_crossed(bounds: &Aabb, target: DVec3) -> bool {
     }
     near <= far
 }
+
+#[cfg(test)]
+mod tests;

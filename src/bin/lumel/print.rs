@@ -112,7 +112,9 @@ pub(crate) fn bake_summary(report: &Report, directory: &Path, seconds: f64) -> S
             "{}; {} of {} pairs of tile and light needed none",
             number(&light["shadow_rays"]),
             grouped(
-                light["pairs"].as_u64().unwrap_or(0) - light["pairs_sampled"].as_u64().unwrap_or(0)
+                light["pairs"].as_u64().unwrap_or(0)
+                    - light["pairs_sampled"].as_u64().unwrap_or(0)
+                    - light["pairs_traced"].as_u64().unwrap_or(0)
             ),
             number(&light["pairs"]),
         ),

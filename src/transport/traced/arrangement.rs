@@ -170,18 +170,31 @@ impl Arrangement {
     }
 
     fn join_at_vertices(&mut self, segments: &[Segment]) -> Option<()> {
-        let mut ends: Vec<(u32, usize)> = Vec::with_capacity(2 * segments.len());
+        // Vertex, segment, and which end of it.
+        let mut ends: Vec<(u32, usize, usize)> = Vec::with_capacity(2 * segments.len());
         for (index, segment) in segments.iter().enumerate() {
-            let parts = [self.starts[index], self.starts[index + 1] - 1];
-            for (end, part) in parts.into_iter().enumerate() {
+            for end in 0..2 {
                 if segment.ends_there[end] {
-                    ends.push((segment.vertices[end], part));
+                    ends.push((segment.vertices[end], index, end));
                 }
             }
         }
         ends.sort_unstable();
+        let part = |index: usize, end: usize| match end {
+            0 => self.starts[index],
+            _ => self.starts[index + 1] - 1,
+        };
+        let ends: Vec<(u32, usize, DVec2)> = ends
+            .into_iter()
+            .map(|(vertex, index, end)| {
+                let place = segments[index].inside.places[end];
+                (vertex, part(index, end), place)
+            })
+            .collect();
         for group in ends.chunk_by(|a, b| a.0 == b.0) {
             match group {
+                // Beside the light not all triangles are at hand.
+                [(_, _, place)] if is_outside(&segments[..4], *place) => {}
                 [_] => return None,
                 [a, b] => self.join(a.1, b.1),
                 // Who follows whom is not obvious; every part is looked at by itself.
@@ -266,8 +279,24 @@ impl Arrangement {
                 places.push([segment.place(part.to), segment.place(part.from)]);
             }
         }
-        Some((pieces, places))
+        is_closed(&places).then_some((pieces, places))
     }
+}
+
+/// Whether every place where a piece ends is one where another starts: then sums of differences vanish. Two outlines along the same
+/// line, each of them taken for the border of what is seen, are found out here.
+fn is_closed(pieces: &[[DVec2; 2]]) -> bool {
+    let (mut linear, mut quadratic) = (DVec2::ZERO, DVec2::ZERO);
+    for &[p, q] in pieces {
+        linear += q - p;
+        quadratic += q * q - p * p;
+    }
+    linear.length().max(quadratic.length()) < UNDECIDED
+}
+
+/// Whether a place lies on the rim of the light or outside, of which `border` are the sides.
+fn is_outside(border: &[Segment], place: DVec2) -> bool {
+    border.iter().any(|side| side.side(place) > -UNDECIDED)
 }
 
 /// Both breaks of every crossing; pairs are found by sweeping along x.
