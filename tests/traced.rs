@@ -164,15 +164,18 @@ fn clutter(rng: &mut Rng) -> Vec<[DVec3; 3]> {
         let (low, high) = (DVec3::new(-1.5, 0.4, -1.5), DVec3::new(1.5, 4.4, 1.5));
         let centre = any_point(rng, low, high);
         let size = rng.range(0.02, 0.8);
-        let [a, b, c, d] =
-            [0; 4].map(|_| (centre + size * rng.direction()).as_vec3().as_dvec3());
+        let [a, b, c, d] = [0; 4].map(|_| (centre + size * rng.direction()).as_vec3().as_dvec3());
         if rng.unit() < 0.5 {
             triangles.push([a, b, c]);
         } else {
             triangles.extend([[a, b, c], [a, c, d], [a, d, b], [b, d, c]]);
         }
     }
-    triangles.retain(|triangle| triangle.iter().all(|vertex| 0.0 < vertex.y && vertex.y < 5.0));
+    triangles.retain(|triangle| {
+        triangle
+            .iter()
+            .all(|vertex| 0.0 < vertex.y && vertex.y < 5.0)
+    });
     triangles
 }
 
@@ -181,10 +184,7 @@ fn random_clutter_is_traced_as_it_is_clipped() {
     let (mut n_points, mut n_traced, mut n_off) = (0, 0, 0);
     for seed in 0..200 {
         let rng = &mut Rng::new(seed);
-        let scene = scene_of(&[
-            (emitter(1.0), light()),
-            (Material::default(), clutter(rng)),
-        ]);
+        let scene = scene_of(&[(emitter(1.0), light()), (Material::default(), clutter(rng))]);
         let tile: Vec<_> = (0..8)
             .map(|_| receiver(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0)))
             .collect();
@@ -198,7 +198,10 @@ fn random_clutter_is_traced_as_it_is_clipped() {
             n_off += u64::from((got.g[0] - want.g[0]).length() > 1e-9);
         }
     }
-    assert!(n_traced * 10 > n_points * 7, "{n_traced} of {n_points} traced");
+    assert!(
+        n_traced * 10 > n_points * 7,
+        "{n_traced} of {n_points} traced"
+    );
     assert!(n_off * 200 <= n_points, "{n_off} of {n_points} are off");
 }
 

@@ -583,7 +583,12 @@ fn overlap([p, q]: [DVec2; 2], other: [DVec2; 2], mut add: impl FnMut(f64)) {
 }
 
 /// The part of an edge over the rectangle `low..high`; clipped in homogeneous coordinates, so that far ends cost no digits.
-pub(super) fn clip_to_rectangle(index: usize, edge: &Chain, low: DVec2, high: DVec2) -> Option<Inside> {
+pub(super) fn clip_to_rectangle(
+    index: usize,
+    edge: &Chain,
+    low: DVec2,
+    high: DVec2,
+) -> Option<Inside> {
     let [a, b] = edge.images;
     let mut range = [0.0, 1.0];
     for axis in 0..2 {

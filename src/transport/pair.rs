@@ -56,7 +56,10 @@ enum Way<'a> {
     /// Nothing can stand in between.
     Open,
     /// For receivers in front of the light and behind it.
-    Exact { front: Outline, back: Outline },
+    Exact {
+        front: Outline,
+        back: Outline,
+    },
     /// Shadow rays to points on the light.
     Sampled(Surface<'a>),
     Traced(Box<Traced<'a>>),
@@ -149,10 +152,9 @@ impl<'a> Pair<'a> {
         }
         let away = self.source.away(position);
         let surface = &self.source.polygon.surface;
-        let (outcome, rays) =
-            traced
-                .tile
-                .contour(position, borders, away, surface, traced::CELLS);
+        let (outcome, rays) = traced
+            .tile
+            .contour(position, borders, away, surface, traced::CELLS);
         let part = match outcome {
             Outcome::Open => self.open(receiver, scratch)?,
             Outcome::Contour(pieces) => {

@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3};
 
-use self::arrangement::{Arrangement, Knowledge, Segment};
+use self::arrangement::{Arrangement, Knowledge, Note, Segment};
 use self::mesh::Mesh;
 use super::contour::Piece;
 use super::exact::{self, Chain, Inside};
@@ -164,7 +164,9 @@ impl<'a> Tile<'a> {
 
     fn neighbour(&self, triangle: usize, side: usize) -> Neighbour {
         let edge = self.sides(triangle)[side];
-        let mut others = self.around_edge(edge).filter(|(other, _)| *other != triangle);
+        let mut others = self
+            .around_edge(edge)
+            .filter(|(other, _)| *other != triangle);
         match (others.next(), others.next()) {
             (None, _) => Neighbour::None,
             (Some((other, _)), None) => Neighbour::One(other as u32),
@@ -302,8 +304,7 @@ struct Tracer<'a> {
     segments: Vec<Segment>,
     /// Mesh edges looked at, with the segment that they became.
     visited: BTreeMap<u32, Option<usize>>,
-    /// Segment, parameter on it, and what a ray beside it found.
-    notes: Vec<(usize, f64, Knowledge)>,
+    notes: Vec<Note>,
 }
 
 impl<'a> Tracer<'a> {
@@ -316,7 +317,9 @@ impl<'a> Tracer<'a> {
     ) -> Self {
         let places: Vec<DVec2> = borders.iter().map(|border| frame.place(border.a)).collect();
         let low = places.iter().fold(DVec2::INFINITY, |low, p| low.min(*p));
-        let high = places.iter().fold(DVec2::NEG_INFINITY, |high, p| high.max(*p));
+        let high = places
+            .iter()
+            .fold(DVec2::NEG_INFINITY, |high, p| high.max(*p));
         let count = borders.len();
         let segments = (0..count)
             .map(|index| {
@@ -473,8 +476,8 @@ impl<'a> Tracer<'a> {
         let mut thorough = false;
         for _ in 0..MAX_ROUNDS {
             let mut arrangement = Arrangement::new(&self.segments)?;
-            for &(segment, t, found) in &self.notes {
-                arrangement.note(segment, t, found);
+            for &note in &self.notes {
+                arrangement.note(&self.segments, note);
             }
             if self.decide(&mut arrangement)? {
                 continue;
@@ -531,7 +534,10 @@ impl<'a> Tracer<'a> {
         for index in 0..self.links.len() {
             let ([a, b], _) = self.links[index];
             let (a, b) = (self.samples[a], self.samples[b]);
-            if a.hit.is_none() || b.hit.is_none() || (self.is_looked_up(&a) && self.is_looked_up(&b)) {
+            if a.hit.is_none()
+                || b.hit.is_none()
+                || (self.is_looked_up(&a) && self.is_looked_up(&b))
+            {
                 continue;
             }
             if self.walk(&b, &a)? {
@@ -641,8 +647,7 @@ impl<'a> Tracer<'a> {
         let images = ends.map(|end| self.frame.project(end));
         let range = exact::depth_range(images[0].z, images[1].z)?;
         let chain = Chain::new(ends, images, range, vertices, 1)?;
-        let inside =
-            exact::clip_to_rectangle(self.segments.len(), &chain, self.low, self.high)?;
+        let inside = exact::clip_to_rectangle(self.segments.len(), &chain, self.low, self.high)?;
         Some(Segment {
             inside,
             line: chain.line,
@@ -667,7 +672,7 @@ impl<'a> Tracer<'a> {
                 seen: !is_outside && hit.is_none(),
                 hidden: hit.is_some(),
             };
-            arrangement.note(index, t, found);
+            arrangement.note(&self.segments, (index, t, found));
             self.notes.push((index, t, found));
             if let Some(triangle) = hit {
                 self.follow_what_hides(triangle, target)?;
@@ -691,7 +696,9 @@ impl<'a> Tracer<'a> {
     /// Whether the region enclosed by the pieces holds the visible inner lattice points and no hidden ones.
     fn agrees_with(&self, pieces: &[[DVec2; 2]]) -> bool {
         let is_inner = |sample: &&Sample| {
-            self.segments[..4].iter().all(|side| side.side(sample.place) < -1e-9)
+            self.segments[..4]
+                .iter()
+                .all(|side| side.side(sample.place) < -1e-9)
         };
         self.samples.iter().filter(is_inner).all(|sample| {
             let enclosed = winding(sample.place, pieces);

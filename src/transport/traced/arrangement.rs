@@ -10,9 +10,12 @@ use glam::{DVec2, DVec3};
 use crate::transport::contour::Piece;
 use crate::transport::exact::{self, Inside};
 
-/// A break this near to a mark, relative to the segment, leaves open which part is meant. Ten times the distance at which marks are made
-/// would lose marks for nothing, the distance itself could put them on the wrong part.
-const UNDECIDED: f64 = 1e-9;
+/// A ray that passes this near to a break leaves open which part it speaks of. Less would come near the distance at which rays pass
+/// outlines, and where one meets the border the ray may fall on either side; more loses what rays tell for nothing.
+const UNDECIDED: f64 = 1e-5;
+
+/// Places within this of each other are the same. Rounding is a thousandth of it, a pixel of a light a thousand times as much.
+const SAME: f64 = 1e-9;
 
 /// What is known of a loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -110,6 +113,9 @@ pub(super) struct Arrangement {
     knowledge: Vec<Knowledge>,
 }
 
+/// Segment, parameter on it, and what a ray beside it found.
+pub(super) type Note = (usize, f64, Knowledge);
+
 /// Segment, parameter on it, crossing, and whether it starts on the covered side there.
 type Break = (usize, f64, usize, bool);
 
@@ -117,11 +123,7 @@ impl Arrangement {
     /// `None` when an outline ends in the open: something about it is not known.
     pub(super) fn new(segments: &[Segment]) -> Option<Self> {
         let mut breaks = crossings(segments);
-        breaks.sort_unstable_by(|a, b| {
-            a.0.cmp(&b.0)
-                .then(a.1.total_cmp(&b.1))
-                .then(a.2.cmp(&b.2))
-        });
+        breaks.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
         let mut arrangement = Self {
             parts: Vec::with_capacity(segments.len() + breaks.len()),
             starts: Vec::with_capacity(segments.len() + 1),
@@ -218,14 +220,21 @@ impl Arrangement {
     }
 
     /// Notes what was found beside a segment at parameter `t`.
-    pub(super) fn note(&mut self, segment: usize, t: f64, found: Knowledge) {
+    pub(super) fn note(&mut self, segments: &[Segment], (segment, t, found): Note) {
         let range = self.starts[segment]..self.starts[segment + 1];
         let parts = &self.parts[range.clone()];
-        let near = |t: f64, at: f64| at != 0.0 && at != 1.0 && (t - at).abs() < UNDECIDED;
+        let [p, q] = segments[segment].inside.places;
+        let near = |part: &Part, at: f64| {
+            let limit = (UNDECIDED / p.distance(q)).min(0.25 * (part.to - part.from));
+            at != 0.0 && at != 1.0 && (t - at).abs() < limit
+        };
         let Some(offset) = parts
             .iter()
             .position(|part| part.from <= t && t <= part.to)
-            .filter(|&offset| !near(t, parts[offset].from) && !near(t, parts[offset].to))
+            .filter(|&offset| {
+                let part = &parts[offset];
+                !near(part, part.from) && !near(part, part.to)
+            })
         else {
             return;
         };
@@ -291,12 +300,12 @@ fn is_closed(pieces: &[[DVec2; 2]]) -> bool {
         linear += q - p;
         quadratic += q * q - p * p;
     }
-    linear.length().max(quadratic.length()) < UNDECIDED
+    linear.length().max(quadratic.length()) < SAME
 }
 
 /// Whether a place lies on the rim of the light or outside, of which `border` are the sides.
 fn is_outside(border: &[Segment], place: DVec2) -> bool {
-    border.iter().any(|side| side.side(place) > -UNDECIDED)
+    border.iter().any(|side| side.side(place) > -SAME)
 }
 
 /// Both breaks of every crossing; pairs are found by sweeping along x.
@@ -319,10 +328,7 @@ fn crossings(segments: &[Segment]) -> Vec<Break> {
                 break;
             }
             let (first, second) = (&segments[a], &segments[b]);
-            if other_low.y > high.y
-                || low.y > other_high.y
-                || first.shares_a_vertex_with(second)
-            {
+            if other_low.y > high.y || low.y > other_high.y || first.shares_a_vertex_with(second) {
                 continue;
             }
             if let Some([t, u]) = first.crossing(second) {

@@ -125,12 +125,7 @@ impl<'a> Mesh<'a> {
 
     /// Where the line from `hidden` to `seen` (relative to the receiver, in the plane of the light) leaves the surface that `triangle` is part of: the
     /// edge, and the parameter on the line; just any edge when it does not before `seen`, with a parameter of at least 1.
-    pub(super) fn leave(
-        &self,
-        triangle: u32,
-        hidden: DVec3,
-        seen: DVec3,
-    ) -> Option<(u32, f64)> {
+    pub(super) fn leave(&self, triangle: u32, hidden: DVec3, seen: DVec3) -> Option<(u32, f64)> {
         let plane = hidden.cross(seen);
         let mut triangle = self.tile.place(triangle)?;
         let mut entered = u32::MAX;
@@ -156,7 +151,10 @@ impl<'a> Mesh<'a> {
         [hidden, seen]: [DVec3; 2],
         plane: DVec3,
     ) -> Option<(usize, f64)> {
-        let corners = self.tile.corners(triangle).map(|corner| corner - self.receiver);
+        let corners = self
+            .tile
+            .corners(triangle)
+            .map(|corner| corner - self.receiver);
         let heights = corners.map(|corner| plane.dot(corner));
         let mut farthest: Option<(usize, f64)> = None;
         for side in 0..3 {
