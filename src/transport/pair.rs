@@ -25,7 +25,7 @@ const MAX_EDGES: usize = 4096;
 pub(super) struct Part {
     /// Light vector, fluence and, where they are known, derivatives; `rounding` bounds the error where nothing is sampled.
     pub(super) sums: Sums,
-    /// Standard error of the irradiance at the receiver's own normal, steradians. 0 where all samples agree: that proves nothing about
+    /// Standard error of the irradiance at the receiver's own normal, steradians, or what tracing misses on average. 0 where all samples agree: that proves nothing about
     /// what lies between them.
     pub(super) error: f64,
     /// Rays cast.
@@ -158,11 +158,17 @@ impl<'a> Pair<'a> {
         let part = match outcome {
             Outcome::Open => self.open(receiver, scratch)?,
             Outcome::Contour(pieces) => {
-                let mut sums = contour::sum(&pieces, receiver.normal, self.options.gradients);
+                let normal = receiver.normal;
+                let mut sums = contour::sum(&pieces, normal, self.options.gradients);
                 sums.rounding += exact::rounding(&pieces, frame::rounding(position, borders));
+                let missed = if traced.tile.is_fine() {
+                    traced::MISSED * contour::sum(borders, normal, false).g.dot(normal)
+                } else {
+                    0.0
+                };
                 Part {
                     sums,
-                    error: 0.0,
+                    error: missed,
                     rays: 0,
                 }
             }
