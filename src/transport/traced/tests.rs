@@ -23,7 +23,7 @@ fn perforated_plate() -> Scene {
     let triangles = (0..SIDE * SIDE)
         .filter(|&cell| {
             let (x, z) = (cell % SIDE / 2, cell / SIDE / 2);
-            math::hash(u64::from(x), u64::from(z), 0) % 7 != 0
+            !math::hash(u64::from(x), u64::from(z), 0).is_multiple_of(7)
         })
         .flat_map(|cell| {
             let a = cell / SIDE * per_row + cell % SIDE;
