@@ -12,6 +12,7 @@ mod output;
 mod scene;
 mod stiff;
 mod texels;
+mod traced;
 mod transport;
 mod vedel;
 mod visibility;

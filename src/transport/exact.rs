@@ -18,6 +18,7 @@
 use glam::{DVec2, DVec3};
 
 use super::contour::Piece;
+use super::frame::{self, Frame};
 use super::outline::{Facet, Outline, Side};
 
 /// Smallest depth of an occluder that is taken into account, relative to the depth of the light.
@@ -25,10 +26,6 @@ use super::outline::{Facet, Outline, Side};
 /// Larger, and a triangle that touches the receiver loses a visible strip. Smaller, and coordinates near the receiver's own plane grow
 /// until f64 cannot tell them apart: at 1e-9 they reach 1e9 light sizes, which leaves seven digits.
 const NEAREST: f64 = 1e-9;
-
-/// Rounding of a position in the plane of the light, in units in the last place of the largest coordinate involved. A position is the
-/// result of an affine transform (a few roundings), two subtractions and a projection.
-const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// Two edges within rounding of each other must also run within this angle (radians) to be the same line; beyond it they cross.
 const PARALLEL: f64 = 1e-6;
@@ -39,56 +36,9 @@ const FEW: usize = 48;
 /// Strips along each axis. More make queries cheaper and sorting dearer; with 64 a strip is narrower than most edges of a soup of 500.
 const N_STRIPS: usize = 64;
 
-/// The plane of a light in the receiver's eyes.
-#[derive(Clone, Copy, Debug)]
-struct Frame {
-    /// Axes of the plane over the size of the light, the second a quarter turn clockwise from the first as the receiver sees it, so that
-    /// contours, which are clockwise, become counter-clockwise; `forward` over the depth of the light.
-    right: DVec3,
-    up: DVec3,
-    forward: DVec3,
-    /// Centre of the light relative to the receiver.
-    centre: DVec3,
-}
-
-impl Frame {
-    /// `None` when the receiver lies in the light's plane within rounding: the light is then seen edge-on.
-    fn new(borders: &[Piece], away: DVec3, rounding: f64) -> Option<Self> {
-        let sum: DVec3 = borders.iter().map(|border| border.a).sum();
-        let centre = sum / borders.len() as f64;
-        let size = borders
-            .iter()
-            .map(|border| (border.a - centre).length())
-            .fold(0.0, f64::max);
-        let depth = centre.dot(away);
-        if depth <= rounding || size <= 0.0 {
-            return None;
-        }
-        let (u, v) = away.any_orthonormal_pair();
-        let (right, up) = if u.cross(v).dot(away) > 0.0 {
-            (u, v)
-        } else {
-            (v, u)
-        };
-        Some(Self {
-            right: right / size,
-            up: up / size,
-            forward: away / depth,
-            centre,
-        })
-    }
-
-    /// Homogeneous coordinates of a point relative to the receiver.
-    fn project(&self, point: DVec3) -> DVec3 {
-        let depth = self.forward.dot(point);
-        let offset = point - depth * self.centre;
-        DVec3::new(self.right.dot(offset), self.up.dot(offset), depth)
-    }
-}
-
 /// A straight edge of the covered region's boundary, covered side on its left where `coefficient` is positive.
 #[derive(Clone, Copy, Debug)]
-struct Chain {
+pub(super) struct Chain {
     /// Ends relative to the receiver, world axes, cut to the depths between receiver and light.
     ends: [DVec3; 2],
     /// The same in homogeneous coordinates.
@@ -98,24 +48,24 @@ struct Chain {
     /// Welded vertices at the ends; edges that share one do not cross there.
     vertices: [u32; 2],
     /// `line · (X, Y, 1)` is the distance from the edge's line, positive on the left.
-    line: DVec3,
+    pub(super) line: DVec3,
     /// How many coverings more the left side has than the right side; not 0.
     coefficient: i32,
 }
 
 /// The part of a chain edge over the bounding rectangle of the light.
 #[derive(Clone, Copy, Debug)]
-struct Inside {
+pub(super) struct Inside {
     /// Index in the chain.
-    chain: usize,
-    ends: [DVec3; 2],
-    depths: [f64; 2],
-    places: [DVec2; 2],
+    pub(super) chain: usize,
+    pub(super) ends: [DVec3; 2],
+    pub(super) depths: [f64; 2],
+    pub(super) places: [DVec2; 2],
 }
 
 impl Inside {
     /// Point on the 3D edge that is seen at parameter `t` of the edge's image.
-    fn point(&self, t: f64) -> DVec3 {
+    pub(super) fn point(&self, t: f64) -> DVec3 {
         let [near, far] = self.depths;
         let tau = t * near / ((1.0 - t) * far + t * near);
         self.ends[0] + tau * (self.ends[1] - self.ends[0])
@@ -138,11 +88,7 @@ pub(super) fn visible_contour(
     outline: &Outline,
     pieces: &mut Vec<Piece>,
 ) -> f64 {
-    let reach = borders
-        .iter()
-        .map(|border| border.a.abs().max_element())
-        .fold(0.0, f64::max);
-    let rounding = ROUNDING * (reach + receiver.abs().max_element());
+    let rounding = frame::rounding(receiver, borders);
     let Some(frame) = Frame::new(borders, away, rounding) else {
         return rounding;
     };
@@ -215,7 +161,7 @@ fn chain_edges(receiver: DVec3, frame: &Frame, outline: &Outline) -> Vec<Chain> 
 }
 
 /// Parameters of the part of an edge between the nearest depth and the light, from the depths of its ends.
-fn depth_range(a: f64, b: f64) -> Option<[f64; 2]> {
+pub(super) fn depth_range(a: f64, b: f64) -> Option<[f64; 2]> {
     let mut range = [0.0, 1.0];
     // Distances into the two half-spaces.
     for [inside_a, inside_b] in [[a - NEAREST, b - NEAREST], [1.0 - a, 1.0 - b]] {
@@ -292,7 +238,7 @@ fn cut(
 
 impl Chain {
     /// `None` when its image is a point, which bounds nothing.
-    fn new(
+    pub(super) fn new(
         ends: [DVec3; 2],
         images: [DVec3; 2],
         range: [f64; 2],
@@ -335,13 +281,9 @@ struct View {
 
 impl View {
     fn new(borders: &[Piece], frame: &Frame, chain: Vec<Chain>, rounding: f64) -> Self {
-        let place = |point: DVec3| {
-            let image = frame.project(point);
-            image.truncate() / image.z
-        };
         let border: Vec<[DVec2; 2]> = borders
             .iter()
-            .map(|border| [place(border.a), place(border.b)])
+            .map(|border| [frame.place(border.a), frame.place(border.b)])
             .collect();
         let margin = DVec2::splat(4.0 * rounding);
         let low = border
@@ -629,12 +571,12 @@ fn for_each_interval(breaks: &mut [f64], mut visit: impl FnMut(f64, f64)) {
 
 /// Whether places with these distances lie on different sides of a line. Places on the line count as left of it, so that of two edges
 /// that meet on it just one crosses.
-fn differ([a, b]: [f64; 2]) -> bool {
+pub(super) fn differ([a, b]: [f64; 2]) -> bool {
     (a >= 0.0) != (b >= 0.0)
 }
 
 /// The parameter at which a linear function with these end values is zero.
-fn zero_of([a, b]: [f64; 2]) -> f64 {
+pub(super) fn zero_of([a, b]: [f64; 2]) -> f64 {
     a / (a - b)
 }
 
@@ -650,7 +592,12 @@ fn overlap([p, q]: [DVec2; 2], other: [DVec2; 2], mut add: impl FnMut(f64)) {
 }
 
 /// The part of an edge over the rectangle `low..high`; clipped in homogeneous coordinates, so that far ends cost no digits.
-fn clip_to_rectangle(index: usize, edge: &Chain, low: DVec2, high: DVec2) -> Option<Inside> {
+pub(super) fn clip_to_rectangle(
+    index: usize,
+    edge: &Chain,
+    low: DVec2,
+    high: DVec2,
+) -> Option<Inside> {
     let [a, b] = edge.images;
     let mut range = [0.0, 1.0];
     for axis in 0..2 {

@@ -54,6 +54,7 @@ pub fn gather(
             }
         }
     }
+    counters.points_fallback = scratch.fallbacks;
     let samples = totals
         .into_iter()
         .map(|total| total.finish(options.gradients, selection.left_out))

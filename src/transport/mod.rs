@@ -2,19 +2,21 @@
 //!
 //! [`gather()`] looks at a tile of receivers and one light at a time. Where nothing can stand between them, the light is a sum over its
 //! outline ([`contour`]; `distant` for lights small for their distance), clipped to the horizon (`clip`), exact to rounding. Elsewhere
-//! (`pair` decides) the outlines of the occluders (`outline`) are clipped against it (`exact`), which is as exact, or shadow rays say how
-//! much of it is seen (`sampled`) or where its contour runs (`vedel`).
+//! (`pair` decides) the outlines of the occluders (`outline`) are clipped against it (`exact`), which is as exact, or found by rays and
+//! followed (`traced`, `vedel`), or shadow rays say how much of it is seen (`sampled`).
 
 mod clip;
 pub mod contour;
 mod distant;
 mod exact;
+mod frame;
 mod gather;
 mod outline;
 mod pair;
 mod sampled;
 mod select;
 mod source;
+mod traced;
 mod vedel;
 
 use glam::{DMat3, DVec3};
@@ -75,11 +77,20 @@ pub enum Estimator {
     /// The contour of the visible part, traced with rays as C. Vedel published it in 1993: a baseline for comparison. Misses occluders
     /// that lie between its first samples.
     Vedel,
+    /// The contour of the visible part, found by rays and followed along the meshes, with derivatives; may miss what passes between the
+    /// rays. Exact where that is doubtful.
+    Traced,
 }
 
 impl Estimator {
     /// Each once.
-    pub const ALL: [Self; 4] = [Self::Auto, Self::Exact, Self::Sampled, Self::Vedel];
+    pub const ALL: [Self; 5] = [
+        Self::Auto,
+        Self::Exact,
+        Self::Sampled,
+        Self::Vedel,
+        Self::Traced,
+    ];
 }
 
 /// A point that receives light.
@@ -154,6 +165,10 @@ pub struct Counters {
     pub pairs_sampled: u64,
     /// Pairs that were traced as Vedel does.
     pub pairs_vedel: u64,
+    /// Pairs whose visible contour was traced.
+    pub pairs_traced: u64,
+    /// Evaluations of a light at a point that were to be traced and were clipped exactly instead.
+    pub points_fallback: u64,
 }
 
 impl Counters {
@@ -169,6 +184,8 @@ impl Counters {
         self.edges += other.edges;
         self.pairs_sampled += other.pairs_sampled;
         self.pairs_vedel += other.pairs_vedel;
+        self.pairs_traced += other.pairs_traced;
+        self.points_fallback += other.points_fallback;
     }
 }
 

@@ -1,12 +1,16 @@
 //! One light and one tile: how the visible part of the light is found there.
 
+use std::cell::OnceCell;
+
 use glam::DVec3;
 
 use super::contour::{self, Piece, Sums};
 use super::exact;
+use super::frame;
 use super::outline::Outline;
 use super::sampled;
 use super::source::{Source, Surface};
+use super::traced::{self, Outcome};
 use super::vedel;
 use super::{Counters, Estimator, Options, Receiver};
 use crate::math::Aabb;
@@ -35,6 +39,8 @@ pub(super) struct Scratch {
     borders: Vec<Piece>,
     visible: Vec<Piece>,
     vedel: vedel::Scratch,
+    /// Evaluations that were to be traced and were clipped instead.
+    pub(super) fallbacks: u64,
 }
 
 /// A light and how it is looked at from one tile.
@@ -52,11 +58,26 @@ enum Way<'a> {
     /// Nothing can stand in between.
     Open,
     /// For receivers in front of the light and behind it.
-    Exact { front: Outline, back: Outline },
+    Exact {
+        front: Outline,
+        back: Outline,
+    },
     /// Shadow rays to points on the light.
     Sampled(Surface<'a>),
-    /// Shadow rays that trace the contour.
+    /// Shadow rays that trace the contour as published.
     Vedel(vedel::Frame),
+    /// A few shadow rays, and outlines followed along the meshes.
+    Traced(Box<Traced<'a>>),
+}
+
+/// What tracing needs, and what it falls back to.
+#[derive(Debug)]
+struct Traced<'a> {
+    tile: traced::Tile<'a>,
+    /// Box of the receivers.
+    places: Aabb,
+    /// Of the receivers' side of the light.
+    outline: OnceCell<Outline>,
 }
 
 impl<'a> Pair<'a> {
@@ -78,6 +99,7 @@ impl<'a> Pair<'a> {
             }
             Way::Sampled(_) => counters.pairs_sampled += 1,
             Way::Vedel(_) => counters.pairs_vedel += 1,
+            Way::Traced(_) => counters.pairs_traced += 1,
         }
         Self {
             source,
@@ -91,19 +113,10 @@ impl<'a> Pair<'a> {
     /// What `receiver` sees of the light; `None` when it would see nothing even with nothing in the way.
     pub(super) fn evaluate(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Part> {
         match &self.way {
-            Way::Open => {
-                let gradients = self.options.gradients;
-                let whole = self
-                    .source
-                    .unoccluded(receiver, gradients, &mut scratch.borders)?;
-                Some(Part {
-                    sums: whole.sums,
-                    error: 0.0,
-                    rays: 0,
-                })
-            }
+            Way::Open => self.open(receiver, scratch),
+            Way::Traced(traced) => self.trace(receiver, traced, scratch),
             Way::Exact { front, back } => self.clip(receiver, front, back, scratch),
-            Way::Vedel(frame) => self.trace(receiver, frame, scratch),
+            Way::Vedel(frame) => self.trace_as_vedel(receiver, frame, scratch),
             Way::Sampled(surface) => {
                 let whole = self
                     .source
@@ -122,6 +135,64 @@ impl<'a> Pair<'a> {
         }
     }
 
+    fn open(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Part> {
+        let gradients = self.options.gradients;
+        let whole = self
+            .source
+            .unoccluded(receiver, gradients, &mut scratch.borders)?;
+        Some(Part {
+            sums: whole.sums,
+            error: 0.0,
+            rays: 0,
+        })
+    }
+
+    fn trace(
+        &self,
+        receiver: &Receiver,
+        traced: &Traced<'_>,
+        scratch: &mut Scratch,
+    ) -> Option<Part> {
+        let position = receiver.position;
+        let borders = &mut scratch.borders;
+        if !self.source.outline(receiver, position, borders) {
+            return None;
+        }
+        let away = self.source.away(position);
+        let surface = &self.source.polygon.surface;
+        let (outcome, rays) = traced
+            .tile
+            .contour(position, borders, away, surface, traced::CELLS);
+        let part = match outcome {
+            Outcome::Open => self.open(receiver, scratch)?,
+            Outcome::Contour(pieces) => {
+                let normal = receiver.normal;
+                let mut sums = contour::sum(&pieces, normal, self.options.gradients);
+                sums.rounding += exact::rounding(&pieces, frame::rounding(position, borders));
+                let missed = if traced.tile.is_fine() {
+                    traced::MISSED * contour::sum(borders, normal, false).g.dot(normal)
+                } else {
+                    0.0
+                };
+                Part {
+                    sums,
+                    error: missed,
+                    rays: 0,
+                }
+            }
+            Outcome::Unclear => {
+                scratch.fallbacks += 1;
+                let outline = traced.outline.get_or_init(|| {
+                    let edges = self.occluders.edges();
+                    let plane = (self.source.point(), away);
+                    Outline::new(edges, &traced.places, traced.tile.candidates(), plane)
+                });
+                self.clip(receiver, outline, outline, scratch)?
+            }
+        };
+        Some(Part { rays, ..part })
+    }
+
     fn clip(
         &self,
         receiver: &Receiver,
@@ -135,11 +206,11 @@ impl<'a> Pair<'a> {
         if !self.source.outline(receiver, receiver.position, borders) {
             return None;
         }
-        let normal = self.source.polygon.normal;
-        let (outline, away) = if self.source.height(receiver.position) > 0.0 {
-            (front, -normal)
+        let away = self.source.away(receiver.position);
+        let outline = if self.source.height(receiver.position) > 0.0 {
+            front
         } else {
-            (back, normal)
+            back
         };
         visible.clear();
         let shift = exact::visible_contour(receiver.position, borders, away, outline, visible);
@@ -152,7 +223,7 @@ impl<'a> Pair<'a> {
         })
     }
 
-    fn trace(
+    fn trace_as_vedel(
         &self,
         receiver: &Receiver,
         frame: &vedel::Frame,
@@ -162,6 +233,7 @@ impl<'a> Pair<'a> {
             borders,
             visible,
             vedel,
+            ..
         } = scratch;
         if !self.source.outline(receiver, receiver.position, borders) {
             return None;
@@ -195,7 +267,7 @@ impl<'a> Pair<'a> {
 fn choose<'a>(
     source: &Source<'a>,
     receivers: &[Receiver],
-    occluders: &Occluders<'_>,
+    occluders: &'a Occluders<'a>,
     options: &Options,
 ) -> Way<'a> {
     let polygon = source.polygon;
@@ -220,6 +292,11 @@ fn choose<'a>(
     if options.estimator == Estimator::Sampled || masked {
         return Way::Sampled(Surface::new(polygon));
     }
+    if options.estimator == Estimator::Traced
+        && let Some(traced) = Traced::new(source, receivers, occluders, candidates.clone())
+    {
+        return Way::Traced(Box::new(traced));
+    }
     let outline = |front: bool| {
         let positions = receivers
             .iter()
@@ -243,4 +320,26 @@ fn choose<'a>(
         return Way::Sampled(Surface::new(polygon));
     }
     Way::Exact { front, back }
+}
+
+impl<'a> Traced<'a> {
+    /// `None` where tracing does not go: receivers on both sides of the light, or occluders that reach its plane.
+    fn new(
+        source: &Source<'_>,
+        receivers: &[Receiver],
+        occluders: &'a Occluders<'a>,
+        candidates: Vec<u32>,
+    ) -> Option<Self> {
+        let first = receivers.first()?.position;
+        let away = source.away(first);
+        let all_agree = receivers
+            .iter()
+            .all(|receiver| source.away(receiver.position) == away);
+        let tile = traced::Tile::new(occluders, candidates, (source.point(), -away))?;
+        all_agree.then(|| Self {
+            tile,
+            places: Aabb::from_points(receivers.iter().map(|receiver| receiver.position)),
+            outline: OnceCell::new(),
+        })
+    }
 }

@@ -88,6 +88,15 @@ impl<'a> Source<'a> {
         if dark { 0.0 } else { height }
     }
 
+    /// Unit normal of the light's plane that points away from `position`.
+    pub(super) fn away(&self, position: DVec3) -> DVec3 {
+        if self.height(position) > 0.0 {
+            -self.plane.normal
+        } else {
+            self.plane.normal
+        }
+    }
+
     /// The light at `receiver` when nothing stands in the way; `None` when it is below the horizon, or the receiver behind it or in its
     /// plane. `pieces` is scratch memory.
     pub(super) fn unoccluded(

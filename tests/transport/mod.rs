@@ -542,8 +542,11 @@ fn penumbrae_agree_with_the_visible_part_of_the_light() {
     let (mut count, mut rays) = (0.0, 0);
     for step in 0..50 {
         let tile = row(-1.0 + 0.04 * f64::from(step), 0.005);
-        let (samples, counters) =
-            transport::gather(&tile, &lights, &occluders, &Options::default());
+        let options = Options {
+            estimator: Estimator::Sampled,
+            ..Options::default()
+        };
+        let (samples, counters) = transport::gather(&tile, &lights, &occluders, &options);
         assert_eq!(counters.pairs_sampled, 1);
         rays += counters.shadow_rays;
         for (sample, receiver) in samples.iter().zip(&tile) {

@@ -333,6 +333,8 @@ pub(crate) enum EstimatorArg {
     Sampled,
     /// The contour traced with shadow rays as published by Vedel in 1993, for comparison; misses small occluders
     Vedel,
+    /// The contour of the visible part, found by few rays and followed along the meshes; exact where that is doubtful
+    Traced,
 }
 
 impl From<EstimatorArg> for Estimator {
@@ -342,6 +344,7 @@ impl From<EstimatorArg> for Estimator {
             EstimatorArg::Exact => Self::Exact,
             EstimatorArg::Sampled => Self::Sampled,
             EstimatorArg::Vedel => Self::Vedel,
+            EstimatorArg::Traced => Self::Traced,
         }
     }
 }

@@ -112,7 +112,12 @@ pub(crate) fn bake_summary(report: &Report, directory: &Path, seconds: f64) -> S
         &format!(
             "{}; {} of {} pairs of tile and light needed none",
             number(&light["shadow_rays"]),
-            grouped(count("pairs") - count("pairs_sampled") - count("pairs_vedel")),
+            grouped(
+                count("pairs")
+                    - count("pairs_sampled")
+                    - count("pairs_traced")
+                    - count("pairs_vedel")
+            ),
             number(&light["pairs"]),
         ),
     );
