@@ -6,9 +6,11 @@
 mod brute;
 mod bvh;
 mod edges;
+mod lanes;
 mod shaft;
 mod surface;
 mod triangle;
+mod wide;
 
 use glam::DVec3;
 

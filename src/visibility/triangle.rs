@@ -82,6 +82,12 @@ impl Line {
         })
     }
 
+    /// The axis along which it is longest and the two others, and the factors that shear the line onto the first.
+    #[inline]
+    pub(super) fn axes(&self) -> ([usize; 3], [f64; 2]) {
+        (self.axes, self.shear)
+    }
+
     /// Where it goes through `triangle`, borders included, in either direction from the origin. A triangle seen edge-on is missed.
     #[inline]
     pub(super) fn crosses(&self, triangle: &[DVec3; 3]) -> Option<Crossing> {
