@@ -3,11 +3,7 @@
 //! Prints ratios of one run; the three take turns on the same rays, on one thread, and the best of several turns counts. Real levels are
 //! tried where they lie beside the checkout, bundled fixtures elsewhere.
 
-#![expect(
-    clippy::print_stdout,
-    missing_docs,
-    reason = "a program that prints a table"
-)]
+#![expect(clippy::print_stdout, reason = "a program that prints a table")]
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -28,8 +24,8 @@ const RAYS: usize = 400_000;
 /// Turns of each competitor.
 const TURNS: usize = 5;
 
-/// How far `obvhs` stays away from both ends, in units of the ray's length: its test has no notion of rounding.
-const CLEARANCE: f32 = 1e-3;
+/// How far `obvhs` stays away from both ends, in units of the scene: its test has no notion of rounding.
+const CLEARANCE: f64 = 1e-5;
 
 struct Segment {
     from: DVec3,
@@ -67,7 +63,7 @@ fn race(scene: &Scene) {
     );
     let occluders = Occluders::build(scene);
     let rivals = Rivals::build(scene);
-    let shadow = shadow_rays(scene);
+    let shadow = shadow_rays(scene, &occluders);
     let sky = hemisphere_rays(scene);
     let mut shuffled: Vec<&Segment> = sky.iter().collect();
     let mut rng = Rng(1);
@@ -89,7 +85,10 @@ fn race(scene: &Scene) {
 }
 
 fn occlusion(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &Rivals) {
-    let narrow: Vec<Ray> = rays.iter().map(narrowed).collect();
+    let narrow: Vec<Ray> = rays
+        .iter()
+        .map(|ray| narrowed(ray, rivals.clearance))
+        .collect();
     report(
         name,
         rays.len(),
@@ -99,27 +98,32 @@ fn occlusion(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &R
                 rays.iter().filter(stopped).count()
             },
             &|| {
-                let stopped = |ray: &&Ray| {
-                    !rivals
-                        .bvh2
-                        .ray_traverse_miss(**ray, |ray, id| rivals.bvh2_triangles[id].intersect(ray))
+                let stopped = |ray: &&Segment| {
+                    let narrow = narrowed(ray, rivals.clearance);
+                    !rivals.bvh2.ray_traverse_miss(narrow, |ray, id| {
+                        rivals.bvh2_triangles[id].intersect(ray)
+                    })
                 };
-                narrow.iter().filter(stopped).count()
+                rays.iter().filter(stopped).count()
             },
             &|| {
-                let stopped = |ray: &&Ray| {
-                    !rivals.cwbvh.ray_traverse_miss(**ray, |ray, id| {
+                let stopped = |ray: &&Segment| {
+                    let narrow = narrowed(ray, rivals.clearance);
+                    !rivals.cwbvh.ray_traverse_miss(narrow, |ray, id| {
                         rivals.cwbvh_triangles[id].intersect(ray)
                     })
                 };
-                narrow.iter().filter(stopped).count()
+                rays.iter().filter(stopped).count()
             },
         ],
     );
 }
 
 fn closest(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &Rivals) {
-    let narrow: Vec<Ray> = rays.iter().map(narrowed).collect();
+    let narrow: Vec<Ray> = rays
+        .iter()
+        .map(|ray| narrowed(ray, rivals.clearance))
+        .collect();
     report(
         name,
         rays.len(),
@@ -134,24 +138,26 @@ fn closest(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &Riv
                 rays.iter().filter(met).count()
             },
             &|| {
-                let met = |ray: &&Ray| {
+                let met = |ray: &&Segment| {
+                    let narrow = narrowed(ray, rivals.clearance);
                     rivals
                         .bvh2
-                        .ray_traverse(**ray, &mut RayHit::none(), |ray, id| {
+                        .ray_traverse(narrow, &mut RayHit::none(), |ray, id| {
                             rivals.bvh2_triangles[id].intersect(ray)
                         })
                 };
-                narrow.iter().filter(met).count()
+                rays.iter().filter(met).count()
             },
             &|| {
-                let met = |ray: &&Ray| {
+                let met = |ray: &&Segment| {
+                    let narrow = narrowed(ray, rivals.clearance);
                     rivals
                         .cwbvh
-                        .ray_traverse(**ray, &mut RayHit::none(), |ray, id| {
+                        .ray_traverse(narrow, &mut RayHit::none(), |ray, id| {
                             rivals.cwbvh_triangles[id].intersect(ray)
                         })
                 };
-                narrow.iter().filter(met).count()
+                rays.iter().filter(met).count()
             },
         ],
     );
@@ -182,6 +188,7 @@ fn report(name: &str, rays: usize, runs: [&dyn Fn() -> usize; 3]) {
 
 /// `obvhs` over the same triangles, each tree with the triangles in its own order.
 struct Rivals {
+    clearance: f64,
     bvh2: obvhs::bvh2::Bvh2,
     bvh2_triangles: Vec<RtTriangle>,
     cwbvh: obvhs::cwbvh::CwBvh,
@@ -208,7 +215,9 @@ impl Rivals {
                 .map(|&id| RtTriangle::from(&triangles[id as usize]))
                 .collect()
         };
+        let (min, max) = extent(scene);
         Self {
+            clearance: CLEARANCE * (max - min).max_element(),
             bvh2_triangles: in_order(&bvh2.primitive_indices),
             cwbvh_triangles: in_order(&cwbvh.primitive_indices),
             bvh2,
@@ -217,21 +226,24 @@ impl Rivals {
     }
 }
 
-fn narrowed(segment: &Segment) -> Ray {
+fn narrowed(segment: &Segment, clearance: f64) -> Ray {
     let (direction, length) = (segment.to - segment.from).normalize_and_length();
-    let length = length as f32;
     // Adding zero turns -0 into 0, of which `CwBvh` is afraid.
     Ray::new(
         segment.from.as_vec3a(),
         direction.as_vec3a() + Vec3A::ZERO,
-        CLEARANCE * length,
-        (1.0 - CLEARANCE) * length,
+        clearance as f32,
+        (length - clearance) as f32,
     )
 }
 
 /// Texels in rows over the triangles of the scene, `per_texel` rays each: a point and the normal there.
 fn texels(scene: &Scene, count: usize) -> Vec<(DVec3, DVec3)> {
-    let total: f64 = scene.triangles.iter().map(|t| t.area_vector().length()).sum();
+    let total: f64 = scene
+        .triangles
+        .iter()
+        .map(|t| t.area_vector().length())
+        .sum();
     // Twice the area of a texel.
     let texel = total / count as f64;
     let mut texels = Vec::with_capacity(count);
@@ -259,20 +271,30 @@ fn texels(scene: &Scene, count: usize) -> Vec<(DVec3, DVec3)> {
     texels
 }
 
-/// Four rays from each texel to a light of 4 : 2 below the top of the scene.
-fn shadow_rays(scene: &Scene) -> Vec<Segment> {
+/// Four rays from each texel to the nearest of 1000 lights of 2 : 1, which hang amid the free space of the scene.
+fn shadow_rays(scene: &Scene, occluders: &Occluders<'_>) -> Vec<Segment> {
     let (min, max) = extent(scene);
-    let size = 0.05 * (max - min).max_element();
-    let centre = (0.5 * (min + max)).with_y(min.y + 0.9 * (max.y - min.y));
+    let size = 0.01 * (max - min).max_element();
+    let texels = texels(scene, RAYS / 4);
     let mut rng = Rng(2);
+    let lights: Vec<DVec3> = (0..1000)
+        .filter_map(|_| {
+            let (from, normal) = texels[(rng.unit() * texels.len() as f64) as usize];
+            let hit = occluders.closest(from, normal, 40.0 * size, &|_| false)?;
+            Some(from + 0.5 * hit.distance * normal)
+        })
+        .collect();
     let mut rays = Vec::new();
-    for (from, normal) in texels(scene, RAYS / 2) {
-        if normal.dot(centre - from) <= 0.0 {
+    for (from, normal) in texels {
+        let near = |light: &&DVec3| light.distance_squared(from);
+        let facing = lights
+            .iter()
+            .filter(|&&light| normal.dot(light - from) > 0.0);
+        let Some(centre) = facing.min_by(|a, b| near(a).total_cmp(&near(b))) else {
             continue;
-        }
+        };
         for _ in 0..4 {
-            let to = centre
-                + size * DVec3::new(2.0 * rng.unit() - 1.0, 0.0, rng.unit() - 0.5);
+            let to = centre + size * DVec3::new(2.0 * rng.unit() - 1.0, 0.0, rng.unit() - 0.5);
             rays.push(Segment { from, to });
         }
     }

@@ -15,7 +15,7 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
@@ -86,8 +86,8 @@ struct Frame {
 
 /// A ray in the frame of the tree.
 struct Walk {
-    start: DVec3,
-    direction: DVec3,
+    start: Vec3,
+    direction: Vec3,
     /// Distance in the frame by which the start was moved.
     skipped: f64,
     /// How far it goes, from the moved start.
@@ -193,18 +193,8 @@ impl<'a> Occluders<'a> {
 
 impl Visibility for Occluders<'_> {
     fn occluded(&self, from: DVec3, to: DVec3, ignore: &dyn Fn(u32) -> bool) -> bool {
-        let Some(line) = Line::new(from, to - from) else {
-            return false;
-        };
-        let length = (to - from).length();
-        let Some(walk) = self.frame.walk(from, (to - from) / length, length) else {
-            return false;
-        };
         self.machine.run(Occluded {
             occluders: self,
-            ray: walk.ray(&line, self.frame.height(from, to)),
-            length: walk.length,
-            line,
             from,
             to,
             ignore,
@@ -218,13 +208,10 @@ impl Visibility for Occluders<'_> {
         max_distance: f64,
         ignore: &dyn Fn(u32) -> bool,
     ) -> Option<Hit> {
-        let line = Line::new(origin, direction)?;
-        let walk = self.frame.walk(origin, direction, max_distance)?;
         self.machine.run(Closest {
             occluders: self,
-            ray: walk.ray(&line, f64::INFINITY),
-            walk,
-            line,
+            origin,
+            direction,
             max_distance,
             ignore,
         })
@@ -234,9 +221,6 @@ impl Visibility for Occluders<'_> {
 /// [`Visibility::occluded`] on eight lanes.
 struct Occluded<'a> {
     occluders: &'a Occluders<'a>,
-    ray: wide::Ray,
-    length: f32,
-    line: Line,
     from: DVec3,
     to: DVec3,
     ignore: &'a dyn Fn(u32) -> bool,
@@ -247,30 +231,43 @@ impl Kernel for Occluded<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> bool {
-        let Occluders { vertices, ids, .. } = self.occluders;
-        self.occluders
-            .wide
-            .any(lanes, &self.ray, self.length, |candidates| {
-                candidates.each().any(|(place, certain)| {
-                    let id = ids[place];
-                    if certain && !self.occluders.masked {
-                        return !(self.ignore)(id);
-                    }
-                    triangle::separates(&vertices[place], &self.line, self.from, self.to)
-                        .is_some_and(|crossing| {
-                            !(self.ignore)(id) && self.occluders.stops(id, &crossing)
-                        })
-                })
-            })
+        let Self {
+            occluders,
+            from,
+            to,
+            ignore,
+        } = self;
+        let offset = to - from;
+        let Some(line) = Line::new(from, offset) else {
+            return false;
+        };
+        let Some(walk) = occluders.frame.segment(from, offset) else {
+            return false;
+        };
+        let ray = walk.ray(&line, occluders.frame.height(from, to));
+        occluders.wide.any(lanes, &ray, walk.length, |candidates| {
+            for (place, certain) in candidates.each() {
+                let id = occluders.ids[place];
+                let stopped = if certain && !occluders.masked {
+                    !ignore(id)
+                } else {
+                    triangle::separates(&occluders.vertices[place], &line, from, to)
+                        .is_some_and(|crossing| !ignore(id) && occluders.stops(id, &crossing))
+                };
+                if stopped {
+                    return true;
+                }
+            }
+            false
+        })
     }
 }
 
 /// [`Visibility::closest`] on eight lanes.
 struct Closest<'a> {
     occluders: &'a Occluders<'a>,
-    ray: wide::Ray,
-    walk: Walk,
-    line: Line,
+    origin: DVec3,
+    direction: DVec3,
     max_distance: f64,
     ignore: &'a dyn Fn(u32) -> bool,
 }
@@ -280,32 +277,39 @@ impl Kernel for Closest<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<Hit> {
-        let Occluders { vertices, ids, .. } = self.occluders;
+        let Self {
+            occluders,
+            origin,
+            direction,
+            max_distance,
+            ignore,
+        } = self;
+        let line = Line::new(origin, direction)?;
+        let walk = occluders.frame.walk(origin, direction, max_distance)?;
+        let ray = walk.ray(&line, f64::INFINITY);
         let mut best: Option<Hit> = None;
-        let mut length = self.walk.length;
-        self.occluders
-            .wide
-            .nearest(lanes, &self.ray, length, |candidates| {
-                for (place, _) in candidates.each() {
-                    let Some((distance, front, crossing)) =
-                        triangle::meets(&vertices[place], &self.line)
-                    else {
-                        continue;
-                    };
-                    let id = ids[place];
-                    let nearer = distance <= self.max_distance
-                        && best.is_none_or(|hit| (distance, id) < (hit.distance, hit.triangle));
-                    if nearer && !(self.ignore)(id) && self.occluders.stops(id, &crossing) {
-                        best = Some(Hit {
-                            distance,
-                            triangle: id,
-                            front,
-                        });
-                        length = self.walk.limit(distance * self.occluders.frame.scale);
-                    }
+        let mut length = walk.length;
+        occluders.wide.nearest(lanes, &ray, length, |candidates| {
+            for (place, _) in candidates.each() {
+                let Some((distance, front, crossing)) =
+                    triangle::meets(&occluders.vertices[place], &line)
+                else {
+                    continue;
+                };
+                let id = occluders.ids[place];
+                let nearer = distance <= max_distance
+                    && best.is_none_or(|hit| (distance, id) < (hit.distance, hit.triangle));
+                if nearer && !ignore(id) && occluders.stops(id, &crossing) {
+                    best = Some(Hit {
+                        distance,
+                        triangle: id,
+                        front,
+                    });
+                    length = walk.limit(distance * occluders.frame.scale);
                 }
-                length
-            });
+            }
+            length
+        });
         best
     }
 }
@@ -328,6 +332,7 @@ impl Frame {
         }
     }
 
+    #[inline(always)]
     fn point(&self, point: DVec3) -> DVec3 {
         (point - self.centre) * self.scale
     }
@@ -347,7 +352,28 @@ impl Frame {
         )
     }
 
+    /// The part of the segment from `from` to `from + offset` that can meet the scene; `None` when it misses the scene's cube.
+    #[inline(always)]
+    fn segment(&self, from: DVec3, offset: DVec3) -> Option<Walk> {
+        let start = self.point(from);
+        // In `f32` all components are off by one factor of at most 4 · 2⁻²⁴, which changes the length alone, and by 1 each.
+        let direction = (offset * self.scale).as_vec3();
+        let square = direction.length_squared();
+        if start.abs().max_element() > FAR || !(1e-30..1e30).contains(&square) {
+            let length = offset.length();
+            return self.walk(from, offset / length, length);
+        }
+        let length = square.sqrt();
+        Some(Walk {
+            start: start.as_vec3(),
+            direction: direction / length,
+            skipped: 0.0,
+            length: length + PADDING as f32,
+        })
+    }
+
     /// The part of a ray that can meet the scene; `None` when it misses the scene's cube.
+    #[inline(always)]
     fn walk(&self, origin: DVec3, direction: DVec3, length: f64) -> Option<Walk> {
         let mut start = self.point(origin);
         let mut skipped = 0.0;
@@ -368,8 +394,8 @@ impl Frame {
             }
         }
         let mut walk = Walk {
-            start,
-            direction,
+            start: start.as_vec3(),
+            direction: direction.as_vec3(),
             skipped,
             length: 0.0,
         };
@@ -383,6 +409,7 @@ impl Frame {
     /// It allows 2⁻⁴⁴ (s d + c a): s, a product of two edges, and a, twice an area, are at most 12 in the frame, d is the distance of an
     /// end from a vertex, c the largest coordinate. This is 10 times that. Smaller would decide what the exact test must; larger leaves it
     /// more to do.
+    #[inline(always)]
     fn height(&self, from: DVec3, to: DVec3) -> f64 {
         let ends = (self.point(from).abs() + self.point(to).abs()).element_sum();
         let place = self.centre.abs().max_element() * self.scale;
@@ -391,15 +418,10 @@ impl Frame {
 }
 
 impl Walk {
+    #[inline(always)]
     fn ray(&self, line: &Line, height: f64) -> wide::Ray {
         let (axes, shear) = line.axes();
-        wide::Ray::new(
-            self.start.as_vec3(),
-            self.direction.as_vec3(),
-            axes,
-            shear,
-            height,
-        )
+        wide::Ray::new(self.start, self.direction, axes, shear, height)
     }
 
     /// Distance in the frame at which the walk may stop, rounded up, so that equally near triangles are still looked at.

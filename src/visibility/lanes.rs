@@ -259,3 +259,43 @@ impl Lanes for Arrays {
         a
     }
 }
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_kinds_of_lanes_compute_the_same() {
+        let Machine::Avx2(avx2) = Machine::best() else {
+            return;
+        };
+        let a = [1.5, -0.0, 0.0, f32::NAN, -3.25, 1e-40, 7.0, f32::INFINITY];
+        let b = [2.5, 0.0, -0.0, 1.0, -3.5, -1e-40, 7.0, 1.0];
+        let c = [0.25, -1.0, 2.0, 1.0, 8.0, 1.0, -49.0, 1.0];
+        let bits = |row: Row| {
+            row.map(|value| {
+                if value.is_nan() {
+                    u32::MAX
+                } else {
+                    value.to_bits()
+                }
+            })
+        };
+        let [x, y, z] = [a, b, c].map(|row| avx2.load(&row));
+        let same = |got: __m256, want: Row| assert_eq!(bits(avx2.to_row(got)), bits(want));
+        same(avx2.add(x, y), Arrays.add(a, b));
+        same(avx2.sub(x, y), Arrays.sub(a, b));
+        same(avx2.mul(x, y), Arrays.mul(a, b));
+        same(avx2.min(x, y), Arrays.min(a, b));
+        same(avx2.max(x, y), Arrays.max(a, b));
+        same(avx2.abs(x), Arrays.abs(a));
+        same(avx2.signed_by(x, y), Arrays.signed_by(a, b));
+        same(avx2.splat(-0.0), Arrays.splat(-0.0));
+        // These products are exact, so that fusing changes nothing.
+        same(avx2.mul_add(x, y, z), Arrays.mul_add(a, b, c));
+        same(avx2.mul_sub(x, y, z), Arrays.mul_sub(a, b, c));
+        same(avx2.neg_mul_add(x, y, z), Arrays.neg_mul_add(a, b, c));
+        assert_eq!(avx2.less(x, y), Arrays.less(a, b));
+        assert_eq!(avx2.less(y, x), Arrays.less(b, a));
+    }
+}

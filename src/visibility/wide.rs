@@ -38,8 +38,8 @@ const SMALLEST_COMPONENT: f32 = 2.0 * UNIT;
 /// No ray is longer than this within the scene.
 const LONGEST: f32 = 6.0;
 
-/// Up to here a stack lies on the stack.
-const SHALLOW: usize = 96;
+/// Up to this depth no memory is asked for. Levels have ten.
+const SHALLOW: usize = 48;
 
 /// Marks a child that is a packet.
 const PACKET: u32 = 1 << 31;
@@ -69,8 +69,8 @@ struct Packet {
 pub(super) struct Tree {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
-    /// Most children that can be pending at once.
-    pending: usize,
+    /// Nodes on the longest way from the root to a packet.
+    depth: usize,
 }
 
 impl std::fmt::Debug for Tree {
@@ -89,6 +89,8 @@ impl std::fmt::Debug for Tree {
 pub(super) struct Ray {
     origin: [f32; 3],
     inverse: [f32; 3],
+    /// Bit k is set where the direction runs against axis k.
+    octant: usize,
     /// Which plane of a node the ray meets first, for each axis; the other is three away, modulo six.
     nearer: [usize; 3],
     /// Longest axis of the direction, and the two others.
@@ -131,6 +133,7 @@ impl Candidates {
 
 impl Ray {
     /// A ray from `origin`, within 2 of the centre, along a unit direction; `axes` and `shear` as for the exact test.
+    #[inline(always)]
     pub(super) fn new(
         origin: Vec3,
         direction: Vec3,
@@ -149,6 +152,9 @@ impl Ray {
         Self {
             origin: origin.to_array(),
             inverse,
+            octant: (0..3).fold(0, |octant, axis| {
+                octant | usize::from(inverse[axis] < 0.0) << axis
+            }),
             nearer: [nearer(0), nearer(1), nearer(2)],
             axes,
             shear: shear.map(|factor| factor as f32),
@@ -184,7 +190,8 @@ impl Tree {
         while let Some((part, slot, level)) = waiting.pop() {
             depth = depth.max(level + 1);
             let parts = part.spread(bvh, ranges, &bounds);
-            for (lane, part) in parts.into_iter().enumerate() {
+            let slots = slots(&part, &parts);
+            for (lane, part) in slots.into_iter().zip(parts) {
                 let child = if part.is_packet() {
                     tree.packets
                         .push(Packet::new(part.places.clone(), triangles, &point));
@@ -198,45 +205,52 @@ impl Tree {
                 tree.nodes[slot].set(lane, &part.bounds, child);
             }
         }
-        tree.pending = depth * (LANES - 1) + 1;
+        tree.depth = depth;
         tree
     }
 
-    /// Hands packets that `ray` may touch within `length` to `test`, until it returns true. Returns whether it did.
+    /// Hands packets that `ray` may touch within `length` to `test`, nearer ones mostly first, until it returns true. Returns whether it
+    /// did.
     #[inline(always)]
     pub(super) fn any<L: Lanes>(
         &self,
         lanes: L,
         ray: &Ray,
         length: f32,
-        test: impl FnMut(Candidates) -> bool,
-    ) -> bool {
-        if self.pending <= SHALLOW {
-            self.any_with(lanes, ray, length, test, &mut [0; SHALLOW])
-        } else {
-            self.any_with(lanes, ray, length, test, &mut vec![0; self.pending])
-        }
-    }
-
-    #[inline(always)]
-    fn any_with<L: Lanes>(
-        &self,
-        lanes: L,
-        ray: &Ray,
-        length: f32,
         mut test: impl FnMut(Candidates) -> bool,
-        stack: &mut [u32],
     ) -> bool {
         if self.nodes.is_empty() {
             return false;
         }
+        let mut shallow = [(0, 0); SHALLOW];
+        let mut deep;
+        let stack: &mut [(u32, u32)] = if self.depth <= SHALLOW {
+            &mut shallow
+        } else {
+            deep = vec![(0, 0); self.depth];
+            &mut deep
+        };
         let boxes = Slabs::new(lanes, ray);
         let sheared = Sheared::new(lanes, ray);
         let far = lanes.splat(length);
-        let mut pending = 1;
-        while pending > 0 {
-            pending -= 1;
-            let child = stack[pending];
+        let order = &ORDER[ray.octant];
+        let octant = ray.octant as u32;
+        let mut pending = 0;
+        let mut index = 0;
+        let (touched, _) = boxes.test(lanes, &self.nodes[0], far);
+        // Children that wait, in the order in which they are met: bit i is slot i ^ octant.
+        let mut waiting = u32::from(order[touched as usize]);
+        loop {
+            if waiting == 0 {
+                if pending == 0 {
+                    return false;
+                }
+                pending -= 1;
+                (index, waiting) = stack[pending];
+            }
+            let slot = waiting.trailing_zeros() ^ octant;
+            waiting &= waiting - 1;
+            let child = self.nodes[index as usize].children[slot as usize];
             if child & PACKET != 0 {
                 let packet = &self.packets[(child & !PACKET) as usize];
                 let candidates = sheared.test(lanes, packet, length);
@@ -245,16 +259,14 @@ impl Tree {
                 }
                 continue;
             }
-            let node = &self.nodes[child as usize];
-            let (mut touched, _) = boxes.test(lanes, node, far);
-            while touched != 0 {
-                let lane = touched.trailing_zeros() as usize;
-                touched &= touched - 1;
-                stack[pending] = node.children[lane];
-                pending += 1;
+            let (touched, _) = boxes.test(lanes, &self.nodes[child as usize], far);
+            if touched != 0 {
+                stack[pending] = (index, waiting);
+                pending += usize::from(waiting != 0);
+                index = child;
+                waiting = u32::from(order[touched as usize]);
             }
         }
-        false
     }
 
     /// Hands packets that `ray` may touch to `test`, nearer ones first, which returns the length at which the ray may stop from then on.
@@ -263,28 +275,21 @@ impl Tree {
         &self,
         lanes: L,
         ray: &Ray,
-        length: f32,
-        test: impl FnMut(Candidates) -> f32,
-    ) {
-        if self.pending <= SHALLOW {
-            self.nearest_with(lanes, ray, length, test, &mut [(0, 0.0); SHALLOW]);
-        } else {
-            self.nearest_with(lanes, ray, length, test, &mut vec![(0, 0.0); self.pending]);
-        }
-    }
-
-    #[inline(always)]
-    fn nearest_with<L: Lanes>(
-        &self,
-        lanes: L,
-        ray: &Ray,
         mut length: f32,
         mut test: impl FnMut(Candidates) -> f32,
-        stack: &mut [(u32, f32)],
     ) {
         if self.nodes.is_empty() {
             return;
         }
+        let most = self.depth * (LANES - 1) + 1;
+        let mut shallow = [(0, 0.0); 2 * SHALLOW];
+        let mut deep;
+        let stack: &mut [(u32, f32)] = if most <= 2 * SHALLOW {
+            &mut shallow
+        } else {
+            deep = vec![(0, 0.0); most];
+            &mut deep
+        };
         let boxes = Slabs::new(lanes, ray);
         let sheared = Sheared::new(lanes, ray);
         let mut pending = 1;
@@ -345,25 +350,31 @@ impl<L: Lanes> Slabs<L> {
     /// Children whose box is touched before `far`, and where the ray enters them.
     #[inline(always)]
     fn test(&self, lanes: L, node: &Node, far: L::Floats) -> (u32, L::Floats) {
-        let plane = |axis: usize, index: usize| {
-            lanes.mul_sub(
-                lanes.load(&node.planes[index]),
-                self.inverse[axis],
-                self.start[axis],
-            )
-        };
         let [x, y, z] = self.nearer;
         let (x_far, y_far, z_far) = ((x + 3) % 6, (y + 3) % 6, (z + 3) % 6);
         let enters = lanes.max(
-            lanes.max(plane(0, x), plane(1, y)),
-            lanes.max(plane(2, z), lanes.splat(0.0)),
+            lanes.max(self.meets(lanes, node, 0, x), self.meets(lanes, node, 1, y)),
+            lanes.max(self.meets(lanes, node, 2, z), lanes.splat(0.0)),
         );
         let leaves = lanes.min(
-            lanes.min(plane(0, x_far), plane(1, y_far)),
-            lanes.min(plane(2, z_far), far),
+            lanes.min(
+                self.meets(lanes, node, 0, x_far),
+                self.meets(lanes, node, 1, y_far),
+            ),
+            lanes.min(self.meets(lanes, node, 2, z_far), far),
         );
         // "Not larger" and "smaller" differ for boxes without depth only, and padding gives every box some.
         (lanes.less(enters, leaves), enters)
+    }
+
+    /// How far along the ray it meets a plane of each child.
+    #[inline(always)]
+    fn meets(&self, lanes: L, node: &Node, axis: usize, plane: usize) -> L::Floats {
+        lanes.mul_sub(
+            lanes.load(&node.planes[plane]),
+            self.inverse[axis],
+            self.start[axis],
+        )
     }
 }
 
@@ -393,30 +404,28 @@ impl<L: Lanes> Sheared<L> {
         }
     }
 
+    /// Vertices seen along the ray, and how deep they lie.
+    #[inline(always)]
+    fn vertex(&self, lanes: L, corner: &[Row; 3]) -> [L::Floats; 3] {
+        let [z, x, y] = self.axes;
+        let depth = lanes.sub(lanes.load(&corner[z]), self.origin[0]);
+        let right = lanes.sub(lanes.load(&corner[x]), self.origin[1]);
+        let up = lanes.sub(lanes.load(&corner[y]), self.origin[2]);
+        [
+            lanes.neg_mul_add(self.shear[0], depth, right),
+            lanes.neg_mul_add(self.shear[1], depth, up),
+            depth,
+        ]
+    }
+
     /// Sorts the triangles of `packet`, for a ray of `length`.
     #[inline(always)]
     fn test(&self, lanes: L, packet: &Packet, length: f32) -> Candidates {
-        let [z, x, y] = self.axes;
-        let vertex = |corner: &[Row; 3]| {
-            let depth = lanes.sub(lanes.load(&corner[z]), self.origin[0]);
-            let beside = |axis: usize, origin: L::Floats, shear: L::Floats| {
-                lanes.neg_mul_add(shear, depth, lanes.sub(lanes.load(&corner[axis]), origin))
-            };
-            [
-                beside(x, self.origin[1], self.shear[0]),
-                beside(y, self.origin[2], self.shear[1]),
-                depth,
-            ]
-        };
-        let a = vertex(&packet.vertices[0]);
-        let b = vertex(&packet.vertices[1]);
-        let c = vertex(&packet.vertices[2]);
-        let edge = |p: &[L::Floats; 3], q: &[L::Floats; 3]| {
-            lanes.mul_sub(p[0], q[1], lanes.mul(p[1], q[0]))
-        };
-        let (u, v, w) = (edge(&c, &b), edge(&a, &c), edge(&b, &a));
-        let away = |p: &[L::Floats; 3]| lanes.add(lanes.abs(p[0]), lanes.abs(p[1]));
-        let distances = lanes.add(lanes.add(away(&a), away(&b)), away(&c));
+        let a = self.vertex(lanes, &packet.vertices[0]);
+        let b = self.vertex(lanes, &packet.vertices[1]);
+        let c = self.vertex(lanes, &packet.vertices[2]);
+        let (u, v, w) = (edge(lanes, c, b), edge(lanes, a, c), edge(lanes, b, a));
+        let distances = lanes.add(lanes.add(away(lanes, a), away(lanes, b)), away(lanes, c));
         let doubt = lanes.mul_add(distances, lanes.splat(EDGE_DOUBT), lanes.splat(POINT_DOUBT));
         let lowest = lanes.min(lanes.min(u, v), w);
         let highest = lanes.max(lanes.max(u, v), w);
@@ -435,7 +444,11 @@ impl<L: Lanes> Sheared<L> {
         // All depths below grow along the ray.
         let forward = lanes.splat(1f32.copysign(self.along));
         let end = lanes.splat(length.min(LONGEST) * self.along.abs());
-        let depths = [a[2], b[2], c[2]].map(|depth| lanes.mul(depth, forward));
+        let depths = [
+            lanes.mul(a[2], forward),
+            lanes.mul(b[2], forward),
+            lanes.mul(c[2], forward),
+        ];
         let nearest = lanes.min(lanes.min(depths[0], depths[1]), depths[2]);
         let farthest = lanes.max(lanes.max(depths[0], depths[1]), depths[2]);
         // How far beyond an end of the ray, by the vertices.
@@ -477,6 +490,18 @@ impl<L: Lanes> Sheared<L> {
             certain: possible & within & (by_vertices | by_plane),
         }
     }
+}
+
+/// Twice the area spanned by the ray and the edge from `p` to `q`, seen along the ray.
+#[inline(always)]
+fn edge<L: Lanes>(lanes: L, p: [L::Floats; 3], q: [L::Floats; 3]) -> L::Floats {
+    lanes.mul_sub(p[0], q[1], lanes.mul(p[1], q[0]))
+}
+
+/// Distance of `p` from the ray, seen along it, as the sum of both coordinates.
+#[inline(always)]
+fn away<L: Lanes>(lanes: L, p: [L::Floats; 3]) -> L::Floats {
+    lanes.add(lanes.abs(p[0]), lanes.abs(p[1]))
 }
 
 /// How far the height of an end above the plane, times the area, may be off, in units of what an edge function may be: three of them,
@@ -521,6 +546,52 @@ impl Packet {
         }
         packet
     }
+}
+
+/// For each octant of directions the bits of a mask, moved from slot `i ^ octant` to `i`.
+const ORDER: [[u8; 256]; LANES] = {
+    let mut order = [[0; 256]; LANES];
+    let mut octant = 0;
+    while octant < LANES {
+        let mut mask = 0;
+        while mask < 256 {
+            let mut bit = 0;
+            while bit < LANES {
+                order[octant][mask] |= (((mask >> (bit ^ octant)) & 1) as u8) << bit;
+                bit += 1;
+            }
+            mask += 1;
+        }
+        octant += 1;
+    }
+    order
+};
+
+/// A slot for each of `parts`, which make up `whole`, so that slot 0 lies towards the lower corner, 1, 2 and 4 towards higher x, y and
+/// z: slots in the order of `i ^ octant` are met front to back, more or less, by rays of that octant. The part that lies farthest to
+/// some corner chooses first.
+///
+/// Source: H. Ylitie, T. Karras and S. Laine, "Efficient incoherent ray traversal on GPUs through compressed wide BVHs", HPG 2017.
+fn slots(whole: &Part, parts: &[Part]) -> Vec<usize> {
+    let mut wishes = Vec::with_capacity(parts.len() * LANES);
+    for (index, part) in parts.iter().enumerate() {
+        let offset = part.bounds.center() - whole.bounds.center();
+        for slot in 0..LANES {
+            let towards = |axis: usize| if slot >> axis & 1 == 1 { 1.0 } else { -1.0 };
+            let corner = Vec3::new(towards(0), towards(1), towards(2));
+            wishes.push((Vec3::from(offset).dot(corner), index, slot));
+        }
+    }
+    wishes.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut chosen = vec![LANES; parts.len()];
+    let mut taken = [false; LANES];
+    for (_, index, slot) in wishes {
+        if chosen[index] == LANES && !taken[slot] {
+            chosen[index] = slot;
+            taken[slot] = true;
+        }
+    }
+    chosen
 }
 
 /// A part of the scene that will hang on one child.
