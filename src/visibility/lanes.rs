@@ -185,8 +185,8 @@ struct Arrays;
 #[inline(always)]
 fn each(f: impl Fn(usize) -> f32) -> Row {
     let mut row = [0.0; LANES];
-    for lane in 0..LANES {
-        row[lane] = f(lane);
+    for (lane, value) in row.iter_mut().enumerate() {
+        *value = f(lane);
     }
     row
 }
