@@ -85,10 +85,6 @@ fn race(scene: &Scene) {
 }
 
 fn occlusion(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &Rivals) {
-    let narrow: Vec<Ray> = rays
-        .iter()
-        .map(|ray| narrowed(ray, rivals.clearance))
-        .collect();
     report(
         name,
         rays.len(),
@@ -120,10 +116,6 @@ fn occlusion(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &R
 }
 
 fn closest(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &Rivals) {
-    let narrow: Vec<Ray> = rays
-        .iter()
-        .map(|ray| narrowed(ray, rivals.clearance))
-        .collect();
     report(
         name,
         rays.len(),
@@ -332,16 +324,21 @@ fn extent(scene: &Scene) -> (DVec3, DVec3) {
     )
 }
 
-/// Seconds this thread has computed, where the system tells; else the clock on the wall.
+/// Time this thread has computed.
+#[cfg(target_os = "linux")]
+fn cpu_time() -> Duration {
+    use rustix::time::{ClockId, clock_gettime};
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
+}
+
+/// Time on the wall, where threads have no clock of their own that is worth a dependency.
+#[cfg(not(target_os = "linux"))]
 fn cpu_time() -> Duration {
     use std::sync::OnceLock;
     use std::time::Instant;
     static START: OnceLock<Instant> = OnceLock::new();
-    let start = START.get_or_init(Instant::now);
-    std::fs::read_to_string("/proc/thread-self/schedstat")
-        .ok()
-        .and_then(|text| text.split(' ').next()?.parse().ok())
-        .map_or_else(|| start.elapsed(), Duration::from_nanos)
+    START.get_or_init(Instant::now).elapsed()
 }
 
 /// `SplitMix64`.

@@ -492,16 +492,22 @@ fn random_pair(rng: &mut Rng, scale: f64, offset: DVec3, curved: bool) -> Pair {
     }
     let (x, y) = normal.any_orthonormal_pair();
     let size = 10f64.powf(rng.range(-2.5, -0.3));
+    let bump = if rng.bits().is_multiple_of(4) {
+        0.3
+    } else {
+        0.0
+    };
     let receivers = (0..64)
         .map(|index| {
             let (u, v) = (f64::from(index % 8) / 7.0, f64::from(index / 8) / 7.0);
+            let w = bump * rng.unit();
             let bent = if curved {
                 0.3 * rng.direction()
             } else {
                 DVec3::ZERO
             };
             (
-                offset + scale * (centre + size * (u * x + v * y)),
+                offset + scale * (centre + size * (u * x + v * y + w * normal)),
                 (normal + bent).normalize(),
             )
         })

@@ -3,10 +3,12 @@
 //! An edge that two members walk in opposite directions is inside; what is left over is the outline, with the region on its left. As
 //! only opposite pairs are taken away, every integral along all edges, the area among them, keeps its value.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 
 /// Closed contours around the region that `members` (loops of vertex numbers, counter-clockwise) cover: counter-clockwise around the
-/// outside, clockwise around holes, those around more area first.
+/// outside, clockwise around holes, those around more area first. None meets a vertex twice.
 ///
 /// `normal`: unit front normal. `tolerance`: metres by which a vertex may be off the line of its neighbours to be left out. Parts where
 /// the outline runs to and fro without area are left out when they stand alone.
@@ -16,7 +18,8 @@ pub(super) fn outline(
     normal: DVec3,
     tolerance: f64,
 ) -> Vec<Vec<DVec3>> {
-    let mut contours: Vec<(f64, Vec<DVec3>)> = Loops::new(border(members), positions, normal)
+    let mut contours: Vec<(f64, Vec<DVec3>)> = loops(&border(members))
+        .into_iter()
         .map(|contour| {
             let contour: Vec<DVec3> = contour
                 .iter()
@@ -68,73 +71,42 @@ fn border(members: &[&[u32]]) -> Vec<(u32, u32)> {
     border
 }
 
-/// Links border edges into closed loops. As many edges enter a vertex as leave it, so every walk comes back to its start.
-struct Loops<'a> {
-    edges: Vec<(u32, u32)>,
-    used: Vec<bool>,
-    positions: &'a [DVec3],
-    normal: DVec3,
-    next_start: usize,
-}
-
-impl<'a> Loops<'a> {
-    fn new(edges: Vec<(u32, u32)>, positions: &'a [DVec3], normal: DVec3) -> Self {
-        Self {
-            used: vec![false; edges.len()],
-            edges,
-            positions,
-            normal,
-            next_start: 0,
-        }
-    }
-
-    /// The edge that goes on after `edge`: where several leave its end, the first one clockwise from the way back, which bounds the
-    /// same corner of the region. `start` may be taken although it is used: the loop is closed then.
-    fn after(&self, edge: usize, start: usize) -> usize {
-        let (from, at) = self.edges[edge];
-        let first = self.edges.partition_point(|other| other.0 < at);
-        let leaving = (first..self.edges.len())
-            .take_while(|&other| self.edges[other].0 == at)
-            .filter(|&other| other == start || !self.used[other]);
-        let back = self.positions[from as usize] - self.positions[at as usize];
-        leaving
-            .map(|other| {
-                let along =
-                    self.positions[self.edges[other].1 as usize] - self.positions[at as usize];
-                (self.clockwise_angle(back, along), other)
-            })
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map_or(start, |(_, other)| other)
-    }
-
-    /// Angle in (0, 2π] by which `from` turns clockwise around the normal to point along `to`.
-    fn clockwise_angle(&self, from: DVec3, to: DVec3) -> f64 {
-        let angle = self.normal.dot(to.cross(from)).atan2(from.dot(to));
-        if angle > 0.0 {
-            angle
-        } else {
-            angle + std::f64::consts::TAU
-        }
-    }
-}
-
-impl Iterator for Loops<'_> {
-    type Item = Vec<u32>;
-
-    fn next(&mut self) -> Option<Vec<u32>> {
-        let start = (self.next_start..self.edges.len()).find(|&edge| !self.used[edge])?;
-        self.next_start = start + 1;
-        let mut contour = Vec::new();
-        let mut edge = start;
-        loop {
-            self.used[edge] = true;
-            contour.push(self.edges[edge].0);
-            edge = self.after(edge, start);
-            if edge == start {
-                return Some(contour);
+/// Takes `edges` (ascending) apart into closed loops that meet no vertex twice: where the region touches itself at a vertex, one loop
+/// ends and another begins.
+///
+/// As many edges enter a vertex as leave it, so a walk along unused edges can only end where it started. Whenever it comes back to a
+/// vertex, what lies between is a loop and is taken out.
+fn loops(edges: &[(u32, u32)]) -> Vec<Vec<u32>> {
+    let mut found = Vec::new();
+    // For the first edge of each vertex: how many of its edges have been used.
+    let mut used = vec![0; edges.len()];
+    let mut leave = |vertex: u32| {
+        let first = edges.partition_point(|edge| edge.0 < vertex);
+        let edge = edges.get(first + used.get(first)?)?;
+        (edge.0 == vertex).then(|| {
+            used[first] += 1;
+            edge.1
+        })
+    };
+    for &(start, _) in edges {
+        let mut path = vec![start];
+        let mut place_of = BTreeMap::from([(start, 0)]);
+        while let Some(next) = path.last().and_then(|&last| leave(last)) {
+            match place_of.get(&next) {
+                Some(&place) => {
+                    found.push(path[place..].to_vec());
+                    for passed in path.drain(place + 1..) {
+                        place_of.remove(&passed);
+                    }
+                }
+                None => {
+                    place_of.insert(next, path.len());
+                    path.push(next);
+                }
             }
         }
     }
+    found
 }
 
 /// `contour` without the vertices that lie within `tolerance` of the segment between those kept before and after them.

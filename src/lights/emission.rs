@@ -106,13 +106,11 @@ fn drop_duplicates(scene: &Scene, emitters: &mut Vec<Emitter>, warnings: &mut Wa
     dropped.sort_unstable();
     for &triangle in &dropped {
         let triangle = &scene.triangles[triangle as usize];
-        let instance = &scene.instances[triangle.instance as usize];
+        let mesh = &scene.meshes[scene.instances[triangle.instance as usize].mesh];
+        let primitive = &mesh.primitives[triangle.primitive as usize];
         warnings.push(
             "emissive triangle is there twice; it shines once",
-            format!(
-                "{}, primitive {}, triangle {}",
-                instance.name, triangle.primitive, triangle.triangle
-            ),
+            format!("meshes[{}].primitives[{}]", mesh.source, primitive.source),
         );
     }
     emitters.retain(|emitter| dropped.binary_search(&emitter.triangle).is_err());

@@ -61,7 +61,7 @@ pub struct Lights {
 #[derive(Clone, Debug)]
 pub struct Polygon {
     /// Closed contours in world metres, those around more area first: outer ones counter-clockwise seen from the front, holes clockwise.
-    /// Vertices between collinear edges are left out. A contour may touch itself or another one.
+    /// Vertices between collinear edges are left out. Contours may touch each other at a vertex.
     pub contours: Vec<Vec<DVec3>>,
     /// The same surface in triangles, counter-clockwise seen from the front, for sampling by area.
     pub triangles: Vec<[DVec3; 3]>,

@@ -1,7 +1,8 @@
 //! Cuts textured emission into pieces that are uniform enough; the rule is in the module doc of [`crate::lights`].
 //!
-//! The emission of a piece is sampled at one random point in each of n² equal parts, n about twice its longest side in texels. Random
-//! points, because the same place of every part could meet the same place of every repeat of a texture.
+//! The emission of a piece is sampled at one random point in each of n² equal parts, n its longest side in texels: two or more per
+//! texel, as a triangle has less than half the area of the square over its longest side. Random points, because the same place of
+//! every part could meet the same place of every repeat of a texture.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -228,7 +229,7 @@ fn sampled(scene: &Scene, mut draft: Draft) -> Draft {
     } else {
         MOST_PARTS
     };
-    let parts = (2.0 * draft.texels).ceil().clamp(FEWEST_PARTS, most) as u32;
+    let parts = draft.texels.ceil().clamp(FEWEST_PARTS, most) as u32;
     let samples = barycentric_parts(parts, draft.triangle).map(|(index, weights)| {
         let weights = [0, 1, 2].map(|k| (0..3).map(|j| weights[j] * draft.corners[j][k]).sum());
         (index, emission::at(scene, draft.triangle, weights))

@@ -359,9 +359,9 @@ impl Frame {
         // In `f32` all components are off by one factor of at most 4 · 2⁻²⁴, which changes the length alone, and by 1 each.
         let direction = (offset * self.scale).as_vec3();
         let square = direction.length_squared();
-        if start.abs().max_element() > FAR || !(1e-30..1e30).contains(&square) {
-            let length = offset.length();
-            return self.walk(from, offset / length, length);
+        let near = start.abs().cmple(DVec3::splat(FAR)).all();
+        if !near || !(1e-30..1e30).contains(&square) {
+            return self.walk(from, offset.try_normalize()?, offset.length());
         }
         let length = square.sqrt();
         Some(Walk {
@@ -389,9 +389,10 @@ impl Frame {
                 }
             }
             start += skipped * direction;
-            if start.abs().max_element() > FAR {
-                return None;
-            }
+        }
+        // False for what is not finite, too.
+        if !start.abs().cmple(DVec3::splat(FAR)).all() {
+            return None;
         }
         let mut walk = Walk {
             start: start.as_vec3(),

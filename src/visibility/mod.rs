@@ -1,12 +1,16 @@
 //! Scene → [`Occluders`]: what stands between two points.
 //!
 //! Two implementations of [`Visibility`] run the same test suite: [`Occluders`], a bounding volume hierarchy, and [`BruteForce`],
-//! which looks at every triangle and is obviously right.
+//! which looks at every triangle and is obviously right. Both borrow the scene, for the alpha of masked surfaces.
+//!
+//! A segment is hidden by a triangle when the triangle lies between its end points and they are on different sides of the triangle's
+//! plane, by more than rounding. Nothing else keeps a surface from hiding itself: there is no offset along the ray.
 
 mod brute;
 mod bvh;
 mod edges;
 mod lanes;
+mod outline;
 mod shaft;
 mod surface;
 mod triangle;
