@@ -4,6 +4,8 @@
 //! CPU time of this thread, and what counts is their ratio within one run: "as rays" is the cost of a point over the cost of one
 //! stratified shadow ray there. `AvDif` is mean |ΔE| · 255 / max E (Vedel 1993, table 1).
 
+#![expect(clippy::print_stdout, reason = "the figures are what it is for")]
+
 use std::time::Duration;
 
 use glam::DVec3;

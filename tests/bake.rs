@@ -1,5 +1,7 @@
 //! The whole pipeline: what a texture says about a place is what the light meter says there, and every real level goes through.
 
+#![expect(clippy::print_stdout, reason = "says what was skipped")]
+
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::AtomicBool;

@@ -245,7 +245,8 @@ fn neither_order_nor_threads_change_a_bit() {
         .map(|index| receiver(f64::from(index % 8) / 8.0, f64::from(index / 8) / 8.0))
         .collect();
     let reversed: Vec<_> = tile.iter().rev().copied().collect();
-    let (expected, counters) = gather(&scene, &[tile.clone()], Estimator::Traced).remove(0);
+    let (expected, counters) =
+        gather(&scene, std::slice::from_ref(&tile), Estimator::Traced).remove(0);
     assert!(counters.pairs_traced == 1 && counters.shadow_rays > 0);
     let (mut backwards, _) = gather(&scene, &[reversed], Estimator::Traced).remove(0);
     backwards.reverse();

@@ -227,6 +227,58 @@ fn hierarchy_answers_as_brute_force() {
 }
 
 #[test]
+fn a_million_rays_are_answered_as_by_brute_force() {
+    let mut hits = 0;
+    for (case, (scale, offset)) in PLACES.into_iter().enumerate() {
+        let rng = &mut Rng::new(300 + case as u64);
+        let offset = offset * DVec3::new(-0.2, 1.0, 0.6);
+        // Few enough for brute force, and several packets of eight: large ones, small ones and two that share a box.
+        let mut triangles = random_soup(rng, 10, 0.8, scale, offset);
+        triangles.extend(random_soup(rng, 18, 0.1, scale, offset));
+        let corner = |x: f64, z: f64| offset + scale * DVec3::new(x, 0.25, z);
+        let [a, b, c, d] = [
+            corner(-0.5, -0.5),
+            corner(0.5, -0.5),
+            corner(0.5, 0.5),
+            corner(-0.5, 0.5),
+        ];
+        triangles.extend([[a, b, c], [a, c, d]]);
+        let scene = soup(&triangles);
+        let (tree, brute) = (Occluders::build(&scene), BruteForce::build(&scene));
+        for ray in 0..200_000usize {
+            let direction = random_direction(rng);
+            let [a, b, c] = triangles[ray % triangles.len()];
+            let from = match ray % 5 {
+                // Through a vertex, through an edge, from a surface.
+                0 => a - 2.0 * scale * rng.unit() * direction,
+                1 => a.lerp(b, rng.unit()) - 2.0 * scale * rng.unit() * direction,
+                2 => (a + b + c) / 3.0,
+                _ => offset + 1.5 * scale * random_point(rng),
+            };
+            if rng.bits().is_multiple_of(2) {
+                let to = from + 4.0 * scale * rng.unit() * direction;
+                let want = brute.occluded(from, to, NOTHING);
+                assert_eq!(
+                    tree.occluded(from, to, NOTHING),
+                    want,
+                    "case {case}, ray {ray}: {from:?} to {to:?}"
+                );
+                hits += usize::from(want);
+            } else {
+                let want = brute.closest(from, direction, 3.0 * scale, NOTHING);
+                assert_eq!(
+                    tree.closest(from, direction, 3.0 * scale, NOTHING),
+                    want,
+                    "case {case}, ray {ray}: {from:?} along {direction:?}"
+                );
+                hits += usize::from(want.is_some());
+            }
+        }
+    }
+    assert!(hits > 300_000, "only {hits} rays met anything");
+}
+
+#[test]
 fn both_agree_with_an_independent_test() {
     for (case, (scale, offset)) in PLACES.into_iter().enumerate() {
         let rng = &mut Rng::new(100 + case as u64);
@@ -259,7 +311,7 @@ fn a_closed_mesh_lets_no_ray_through_its_edges_and_vertices() {
         let triangles = sphere(centre, scale, 24);
         let scene = soup(&triangles);
         let (tree, brute) = (Occluders::build(&scene), BruteForce::build(&scene));
-        for ray in 0..12_000usize {
+        for ray in 0..200_000usize {
             let triangle = &triangles[ray % triangles.len()];
             let target = match ray % 3 {
                 0 => triangle[0],
@@ -282,7 +334,7 @@ fn a_closed_mesh_lets_no_ray_through_its_edges_and_vertices() {
                 hit.is_some_and(|hit| !hit.front),
                 "case {case}, ray {ray}: {hit:?}"
             );
-            if ray % 16 == 0 {
+            if ray % 200 == 0 {
                 assert_eq!(hit, brute.closest(from, direction, f64::INFINITY, NOTHING));
             }
         }

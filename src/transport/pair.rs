@@ -58,10 +58,7 @@ enum Way<'a> {
     /// Nothing can stand in between.
     Open,
     /// For receivers in front of the light and behind it.
-    Exact {
-        front: Outline,
-        back: Outline,
-    },
+    Exact { front: Outline, back: Outline },
     /// Shadow rays to points on the light.
     Sampled(Surface<'a>),
     /// Shadow rays that trace the contour as published.

@@ -1,8 +1,9 @@
 //! Bounding volume hierarchy over the occluding triangles.
 //!
-//! `obvhs` builds the tree and walks it in `f32`; the triangles in its leaves are tested in `f64`. So that the coarse walk never skips
-//! what the fine test would hit, it runs in a frame where the scene fills the cube from -1 to 1, whatever its size and place, rays that
-//! start outside are moved to the cube first, and every box is larger than its triangles by [`PADDING`].
+//! `obvhs` builds a binary tree; rays walk it collapsed to eight children per node (see `wide`), in `f32`, and what they do not settle
+//! is tested in `f64`. So that the coarse walk never skips what the fine test would hit, it runs in a frame where the scene fills the
+//! cube from -1 to 1, whatever its size and place, rays that start outside are moved to the cube first, and every box is larger than
+//! its triangles by [`PADDING`].
 //!
 //! The builder takes quadratic time when thousands of boxes are equal. Triangles with equal boxes (duplicates, the two halves of an
 //! axis-parallel rectangle, detail too fine for `f32`) therefore share one leaf entry.
@@ -14,15 +15,16 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::bvh2::node::Bvh2Node;
-use obvhs::ray::{Ray, RayHit};
 
+use super::lanes::{Kernel, Lanes, Machine};
 use super::surface;
 use super::triangle::{self, Line};
+use super::wide;
 use super::{Edges, Hit, Shaft, Visibility};
 use crate::math::Aabb;
 use crate::scene::Scene;
@@ -30,7 +32,7 @@ use crate::scene::Scene;
 /// How much larger than its triangles a box is, in units of half the scene.
 ///
 /// A ray starts within 2 of the centre and meets the scene within a distance of 6. In units of 2⁻²⁴, half a step of `f32` at 1, it may
-/// be off by 2 (origin) + 12 (direction; `obvhs` moves components below 2⁻²³ to 2⁻²³) + 9 (slab arithmetic) + 1 (the box): 24.
+/// be off by 2 (origin) + 12 (direction; components below 2⁻²³ are moved to 2⁻²³) + 9 (slab arithmetic) + 1 (the box): 24.
 /// This is 32. Smaller leaks light; larger opens more boxes.
 const PADDING: f64 = 1.0 / (1u64 << 19) as f64;
 
@@ -51,9 +53,13 @@ pub struct Occluders<'a> {
     /// Whether a crossed triangle must be asked for its alpha.
     masked: bool,
     frame: Frame,
+    /// For shafts.
     bvh: Tree,
-    /// `entries[i]..entries[i + 1]` are the triangles of leaf entry `i`.
-    entries: Vec<u32>,
+    /// Per node of `bvh` the places of its triangles in `vertices`.
+    ranges: Vec<Range<u32>>,
+    /// For rays.
+    wide: wide::Tree,
+    machine: Machine,
     /// World vertices in the order of the leaves.
     vertices: Vec<[DVec3; 3]>,
     /// Index in [`Scene::triangles`] for each of `vertices`.
@@ -80,9 +86,12 @@ struct Frame {
 
 /// A ray in the frame of the tree.
 struct Walk {
-    ray: Ray,
+    start: Vec3,
+    direction: Vec3,
     /// Distance in the frame by which the start was moved.
     skipped: f64,
+    /// How far it goes, from the moved start.
+    length: f32,
 }
 
 impl<'a> Occluders<'a> {
@@ -104,20 +113,25 @@ impl<'a> Occluders<'a> {
                 &mut Duration::default(),
             )
         };
-        let mut entries = vec![0];
-        let mut ids = Vec::with_capacity(occluding.len());
-        for &entry in &bvh.primitive_indices {
-            ids.extend_from_slice(leaf_entries.triangles(entry));
-            entries.push(ids.len() as u32);
-        }
+        let (ranges, ids) = in_order(&bvh, &leaf_entries);
+        let vertices: Vec<_> = ids.iter().map(|&id| vertices_of(id)).collect();
+        let wide = wide::Tree::collapse(
+            &bvh,
+            &ranges,
+            &vertices,
+            |point| frame.point(point),
+            |triangle| frame.bounds(triangle),
+        );
         Self {
             scene,
             masked: surface::has_mask(scene),
             edges: OnceLock::new(),
             frame,
             bvh: Tree(bvh),
-            entries,
-            vertices: ids.iter().map(|&id| vertices_of(id)).collect(),
+            ranges,
+            wide,
+            machine: Machine::best(),
+            vertices,
             ids,
         }
     }
@@ -145,8 +159,8 @@ impl<'a> Occluders<'a> {
         let cull = shaft.in_frame(self.frame.centre, self.frame.scale);
         let mut stack = Vec::with_capacity(64);
         stack.push((0, cull.all_planes()));
-        while let Some((node, planes)) = stack.pop() {
-            let node: &Bvh2Node = &nodes[node];
+        while let Some((index, planes)) = stack.pop() {
+            let node: &Bvh2Node = &nodes[index];
             let min = node.aabb().min.as_dvec3();
             let max = node.aabb().max.as_dvec3();
             let Some(planes) = cull.touches(min, max, planes) else {
@@ -154,9 +168,9 @@ impl<'a> Occluders<'a> {
             };
             let first = node.first_index as usize;
             if node.is_leaf() {
-                for index in self.triangles_of(first..first + node.prim_count as usize) {
-                    let id = self.ids[index];
-                    if shaft.may_be_hidden_by(&self.vertices[index]) && !ignore(id) {
+                for place in self.ranges[index].clone() {
+                    let id = self.ids[place as usize];
+                    if shaft.may_be_hidden_by(&self.vertices[place as usize]) && !ignore(id) {
                         found.push(id);
                     }
                 }
@@ -172,10 +186,6 @@ impl<'a> Occluders<'a> {
         found
     }
 
-    fn triangles_of(&self, entries: Range<usize>) -> Range<usize> {
-        self.entries[entries.start] as usize..self.entries[entries.end] as usize
-    }
-
     fn stops(&self, id: u32, crossing: &triangle::Crossing) -> bool {
         !self.masked || surface::stops(self.scene, id, crossing)
     }
@@ -183,30 +193,11 @@ impl<'a> Occluders<'a> {
 
 impl Visibility for Occluders<'_> {
     fn occluded(&self, from: DVec3, to: DVec3, ignore: &dyn Fn(u32) -> bool) -> bool {
-        let Some(line) = Line::new(from, to - from) else {
-            return false;
-        };
-        let length = (to - from).length();
-        let Some(walk) = (to - from)
-            .try_normalize()
-            .and_then(|direction| self.frame.walk(from, direction, length))
-        else {
-            return false;
-        };
-        !self.bvh.0.ray_traverse_miss(walk.ray, |_, entry| {
-            let hit = self.triangles_of(entry..entry + 1).any(|index| {
-                triangle::separates(&self.vertices[index], &line, from, to).is_some_and(
-                    |crossing| {
-                        let id = self.ids[index];
-                        !ignore(id) && self.stops(id, &crossing)
-                    },
-                )
-            });
-            if hit {
-                f32::NEG_INFINITY
-            } else {
-                f32::INFINITY
-            }
+        self.machine.run(Occluded {
+            occluders: self,
+            from,
+            to,
+            ignore,
         })
     }
 
@@ -217,33 +208,108 @@ impl Visibility for Occluders<'_> {
         max_distance: f64,
         ignore: &dyn Fn(u32) -> bool,
     ) -> Option<Hit> {
-        let line = Line::new(origin, direction)?;
-        let walk = self.frame.walk(origin, direction, max_distance)?;
-        let mut best: Option<Hit> = None;
-        self.bvh
-            .0
-            .ray_traverse(walk.ray, &mut RayHit::none(), |_, entry| {
-                let mut nearest = f32::INFINITY;
-                for index in self.triangles_of(entry..entry + 1) {
-                    let Some((distance, front, crossing)) =
-                        triangle::meets(&self.vertices[index], &line)
-                    else {
-                        continue;
-                    };
-                    let id = self.ids[index];
-                    let nearer = distance <= max_distance
-                        && best.is_none_or(|hit| (distance, id) < (hit.distance, hit.triangle));
-                    if nearer && !ignore(id) && self.stops(id, &crossing) {
-                        best = Some(Hit {
-                            distance,
-                            triangle: id,
-                            front,
-                        });
-                        nearest = walk.limit(distance * self.frame.scale);
-                    }
+        self.machine.run(Closest {
+            occluders: self,
+            origin,
+            direction,
+            max_distance,
+            ignore,
+        })
+    }
+}
+
+/// [`Visibility::occluded`] on eight lanes.
+struct Occluded<'a> {
+    occluders: &'a Occluders<'a>,
+    from: DVec3,
+    to: DVec3,
+    ignore: &'a dyn Fn(u32) -> bool,
+}
+
+impl Kernel for Occluded<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> bool {
+        let Self {
+            occluders,
+            from,
+            to,
+            ignore,
+        } = self;
+        let offset = to - from;
+        let Some(line) = Line::new(from, offset) else {
+            return false;
+        };
+        let Some(walk) = occluders.frame.segment(from, offset) else {
+            return false;
+        };
+        let ray = walk.ray(&line, occluders.frame.height(from, to));
+        occluders.wide.any(lanes, &ray, walk.length, |candidates| {
+            for (place, certain) in candidates.each() {
+                let id = occluders.ids[place];
+                let stopped = if certain && !occluders.masked {
+                    !ignore(id)
+                } else {
+                    triangle::separates(&occluders.vertices[place], &line, from, to)
+                        .is_some_and(|crossing| !ignore(id) && occluders.stops(id, &crossing))
+                };
+                if stopped {
+                    return true;
                 }
-                nearest
-            });
+            }
+            false
+        })
+    }
+}
+
+/// [`Visibility::closest`] on eight lanes.
+struct Closest<'a> {
+    occluders: &'a Occluders<'a>,
+    origin: DVec3,
+    direction: DVec3,
+    max_distance: f64,
+    ignore: &'a dyn Fn(u32) -> bool,
+}
+
+impl Kernel for Closest<'_> {
+    type Output = Option<Hit>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Option<Hit> {
+        let Self {
+            occluders,
+            origin,
+            direction,
+            max_distance,
+            ignore,
+        } = self;
+        let line = Line::new(origin, direction)?;
+        let walk = occluders.frame.walk(origin, direction, max_distance)?;
+        let ray = walk.ray(&line, f64::INFINITY);
+        let mut best: Option<Hit> = None;
+        let mut length = walk.length;
+        occluders.wide.nearest(lanes, &ray, length, |candidates| {
+            for (place, _) in candidates.each() {
+                let Some((distance, front, crossing)) =
+                    triangle::meets(&occluders.vertices[place], &line)
+                else {
+                    continue;
+                };
+                let id = occluders.ids[place];
+                let nearer = distance <= max_distance
+                    && best.is_none_or(|hit| (distance, id) < (hit.distance, hit.triangle));
+                if nearer && !ignore(id) && occluders.stops(id, &crossing) {
+                    best = Some(Hit {
+                        distance,
+                        triangle: id,
+                        front,
+                    });
+                    length = walk.limit(distance * occluders.frame.scale);
+                }
+            }
+            length
+        });
         best
     }
 }
@@ -266,6 +332,7 @@ impl Frame {
         }
     }
 
+    #[inline(always)]
     fn point(&self, point: DVec3) -> DVec3 {
         (point - self.centre) * self.scale
     }
@@ -285,7 +352,28 @@ impl Frame {
         )
     }
 
+    /// The part of the segment from `from` to `from + offset` that can meet the scene; `None` when it misses the scene's cube.
+    #[inline(always)]
+    fn segment(&self, from: DVec3, offset: DVec3) -> Option<Walk> {
+        let start = self.point(from);
+        // In `f32` all components are off by one factor of at most 4 · 2⁻²⁴, which changes the length alone, and by 1 each.
+        let direction = (offset * self.scale).as_vec3();
+        let square = direction.length_squared();
+        let near = start.abs().cmple(DVec3::splat(FAR)).all();
+        if !near || !(1e-30..1e30).contains(&square) {
+            return self.walk(from, offset.try_normalize()?, offset.length());
+        }
+        let length = square.sqrt();
+        Some(Walk {
+            start: start.as_vec3(),
+            direction: direction / length,
+            skipped: 0.0,
+            length: length + PADDING as f32,
+        })
+    }
+
     /// The part of a ray that can meet the scene; `None` when it misses the scene's cube.
+    #[inline(always)]
     fn walk(&self, origin: DVec3, direction: DVec3, length: f64) -> Option<Walk> {
         let mut start = self.point(origin);
         let mut skipped = 0.0;
@@ -307,19 +395,66 @@ impl Frame {
             return None;
         }
         let mut walk = Walk {
-            ray: Ray::new(start.as_vec3a(), direction.as_vec3a(), 0.0, 0.0),
+            start: start.as_vec3(),
+            direction: direction.as_vec3(),
             skipped,
+            length: 0.0,
         };
-        walk.ray.tmax = walk.limit(length * self.scale);
-        (walk.ray.tmax > 0.0).then_some(walk)
+        walk.length = walk.limit(length * self.scale);
+        (walk.length > 0.0).then_some(walk)
+    }
+
+    /// More than the exact test allows for the rounding of a height above a plane, times the triangle's area, all in the frame, for a
+    /// segment.
+    ///
+    /// It allows 2⁻⁴⁴ (s d + c a): s, a product of two edges, and a, twice an area, are at most 12 in the frame, d is the distance of an
+    /// end from a vertex, c the largest coordinate. This is 10 times that. Smaller would decide what the exact test must; larger leaves it
+    /// more to do.
+    #[inline(always)]
+    fn height(&self, from: DVec3, to: DVec3) -> f64 {
+        let ends = (self.point(from).abs() + self.point(to).abs()).element_sum();
+        let place = self.centre.abs().max_element() * self.scale;
+        120.0 * (ends + place + 4.0) / (1u64 << 44) as f64
     }
 }
 
 impl Walk {
+    #[inline(always)]
+    fn ray(&self, line: &Line, height: f64) -> wide::Ray {
+        let (axes, shear) = line.axes();
+        wide::Ray::new(self.start, self.direction, axes, shear, height)
+    }
+
     /// Distance in the frame at which the walk may stop, rounded up, so that equally near triangles are still looked at.
     fn limit(&self, distance: f64) -> f32 {
         (distance - self.skipped + PADDING) as f32
     }
+}
+
+/// Triangles in the order of the leaves, and for each node of `bvh` where its own lie in that order.
+fn in_order(bvh: &Bvh2, entries: &Entries) -> (Vec<Range<u32>>, Vec<u32>) {
+    let mut ids = Vec::with_capacity(entries.ids.len());
+    let mut ranges = vec![0..0; bvh.nodes.len()];
+    let mut stack = Vec::new();
+    if !bvh.nodes.is_empty() {
+        stack.push((0, false));
+    }
+    while let Some((index, done)) = stack.pop() {
+        let node: &Bvh2Node = &bvh.nodes[index];
+        let first = node.first_index as usize;
+        if !done {
+            ranges[index].start = ids.len() as u32;
+            if node.is_leaf() {
+                for &entry in &bvh.primitive_indices[first..first + node.prim_count as usize] {
+                    ids.extend_from_slice(entries.triangles(entry));
+                }
+            } else {
+                stack.extend([(index, true), (first + 1, false), (first, false)]);
+            }
+        }
+        ranges[index].end = ids.len() as u32;
+    }
+    (ranges, ids)
 }
 
 /// Leaf entries: distinct boxes and, for each, the triangles that have it.

@@ -9,10 +9,12 @@
 mod brute;
 mod bvh;
 mod edges;
+mod lanes;
 mod outline;
 mod shaft;
 mod surface;
 mod triangle;
+mod wide;
 
 use glam::DVec3;
 

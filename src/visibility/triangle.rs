@@ -63,6 +63,7 @@ pub(super) struct Plane {
 
 impl Line {
     /// The line through `origin` along `direction`, of any length; `None` when the direction has none, or is not finite.
+    #[inline]
     pub(super) fn new(origin: DVec3, direction: DVec3) -> Option<Self> {
         let size = direction.abs();
         let longest = if size.x >= size.y && size.x >= size.z {
@@ -80,6 +81,12 @@ impl Line {
             axes,
             shear: [direction[axes[1]] / length, direction[axes[2]] / length],
         })
+    }
+
+    /// The axis along which it is longest and the two others, and the factors that shear the line onto the first.
+    #[inline]
+    pub(super) fn axes(&self) -> ([usize; 3], [f64; 2]) {
+        (self.axes, self.shear)
     }
 
     /// Where it goes through `triangle`, borders included, in either direction from the origin. A triangle seen edge-on is missed.
@@ -193,9 +200,20 @@ pub(super) fn separates(
     from: DVec3,
     to: DVec3,
 ) -> Option<Crossing> {
+    let [a, b, c] = *triangle;
+    let area_vector = (b - a).cross(c - a);
+    let heights = [area_vector.dot(from - a), area_vector.dot(to - a)];
+    let extent = from.abs().max(to.abs()).max_element();
+    // Both ends on one side, or one on the plane by half the smallest tolerance it can have: most triangles in the line's way are its
+    // ends' own, or beyond them.
+    let small = 0.25 * (ROUNDING * extent).powi(2) * area_vector.length_squared();
+    if (heights[0] > 0.0) == (heights[1] > 0.0)
+        || heights.iter().any(|height| height * height < small)
+    {
+        return None;
+    }
     let crossing = line.crosses(triangle)?;
     let plane = Plane::new(triangle);
-    let extent = from.abs().max(to.abs()).max_element();
     matches!(
         (plane.side(from, extent), plane.side(to, extent)),
         (Side::Front, Side::Back) | (Side::Back, Side::Front)

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use lumel::lights::Lights;
 use lumel::lights::Polygon;
 use lumel::scene::{Material, Scene};
-use lumel::transport::{self, Options, Receiver, Sums};
+use lumel::transport::{self, Estimator, Options, Receiver, Sums};
 use lumel::visibility::Occluders;
 
 use self::extended::Dd;
