@@ -258,12 +258,15 @@ pub(super) fn first_obstacle(
 ) -> Option<Obstacle> {
     occluders
         .closest(origin, direction, distance, &|_| false)
-        .map(|hit| Obstacle {
-            distance: hit.distance,
-            normal: scene.triangles[hit.triangle as usize]
-                .area_vector()
-                .normalize_or_zero(),
-            back: !hit.front,
+        .map(|hit| {
+            let triangle = &scene.triangles[hit.triangle as usize];
+            let double_sided = scene.materials[triangle.material as usize].double_sided;
+            Obstacle {
+                distance: hit.distance,
+                normal: triangle.area_vector().normalize_or_zero(),
+                // A curtain has no inside to be pushed out of.
+                back: !hit.front && !double_sided,
+            }
         })
 }
 
