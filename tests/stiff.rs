@@ -120,6 +120,22 @@ fn rows() -> Vec<Row> {
         quad(DVec3::new(0.0, 1e-6, -1.0), DVec3::X, 2.0 * DVec3::Z),
         up(DVec3::ZERO),
     ));
+    // A texel of a shelf's side, at the very edge of the board above it, as it was found in `room`.
+    let side = f64::from(3.47_f32);
+    rows.push(against_reference(
+        "a receiver whose horizon runs along the edge of an occluder that hides all",
+        quad(DVec3::new(0.4, 2.9, 2.5), 2.4 * DVec3::X, 1.1 * DVec3::Z),
+        quad(
+            DVec3::new(side - 9.0, 1.08, -9.0),
+            9.0 * DVec3::X,
+            18.0 * DVec3::Z,
+        ),
+        Receiver {
+            position: DVec3::new(side, 0.984_615_399_287_297_1, 0.100_000_003_973_642_98),
+            normal: DVec3::NEG_X,
+            seed: 0,
+        },
+    ));
     // Far and small: radiance × area / distance², to (size / distance)².
     rows.push(Row {
         name: "a light of 1 mm at 10 km",

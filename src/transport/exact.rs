@@ -301,7 +301,7 @@ impl View {
             .enumerate()
             .filter_map(|(index, edge)| clip_to_rectangle(index, edge, low, high))
             .collect();
-        let casts = [1, 0].map(|along| Cast::new(&chain, along, low, high));
+        let casts = [1, 0].map(|across| Cast::new(&chain, across, low, high, 4.0 * rounding));
         Self {
             chain,
             inside,
@@ -631,7 +631,7 @@ struct Crosser {
     /// It spans these coordinates across the cast line, the first included, the second not.
     low: f64,
     high: f64,
-    /// Largest coordinate along the cast line.
+    /// Largest coordinate along the cast line, with some slack.
     reach: f64,
     /// As in [`Chain`].
     line: DVec3,
@@ -664,8 +664,9 @@ struct Cast {
 }
 
 impl Cast {
-    /// `low` and `high`: corners of the rectangle in which cast lines start.
-    fn new(chain: &[Chain], across: usize, low: DVec2, high: DVec2) -> Self {
+    /// `low` and `high`: corners of the rectangle in which cast lines start. `slack`: how far behind its start a cast line still meets an
+    /// edge, so that one that runs through the start is never overlooked.
+    fn new(chain: &[Chain], across: usize, low: DVec2, high: DVec2, slack: f64) -> Self {
         let n_strips = if chain.len() <= FEW { 1 } else { N_STRIPS };
         let mut cast = Self {
             across,
@@ -676,7 +677,7 @@ impl Cast {
             items: Vec::new(),
         };
         for (index, edge) in chain.iter().enumerate() {
-            let crosser = crosser(index, edge, across);
+            let crosser = crosser(index, edge, across, slack);
             if crosser.low < crosser.high
                 && crosser.high >= low[across]
                 && crosser.low <= high[across]
@@ -727,7 +728,7 @@ impl Cast {
 }
 
 /// The edge turned upwards for lines cast to the right, leftwards for lines cast upwards.
-fn crosser(index: usize, edge: &Chain, across: usize) -> Crosser {
+fn crosser(index: usize, edge: &Chain, across: usize, slack: f64) -> Crosser {
     let [a, b] = edge.places;
     let sign = if (b[across] > a[across]) == (across == 1) {
         1
@@ -737,7 +738,7 @@ fn crosser(index: usize, edge: &Chain, across: usize) -> Crosser {
     Crosser {
         low: a[across].min(b[across]),
         high: a[across].max(b[across]),
-        reach: a[1 - across].max(b[1 - across]),
+        reach: a[1 - across].max(b[1 - across]) + slack,
         line: f64::from(sign) * edge.line,
         coefficient: sign * edge.coefficient,
         index: index as u32,
