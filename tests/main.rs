@@ -9,6 +9,7 @@ mod estimators;
 mod exact;
 mod lights;
 mod output;
+mod punctual;
 mod scene;
 mod stiff;
 mod texels;

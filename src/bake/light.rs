@@ -162,16 +162,7 @@ impl<'a> Evaluation<'a> {
             .step_by(step)
             .map(|texel| {
                 let receiver = receiver(texels.page, texel);
-                let sum: DVec3 = self
-                    .lights
-                    .polygons
-                    .iter()
-                    .map(|light| {
-                        let sums = transport::unoccluded(light, &receiver, false);
-                        light.radiance * sums.g.dot(receiver.normal).max(0.0)
-                    })
-                    .sum();
-                sum.max_element()
+                transport::unoccluded_irradiance(self.lights, &receiver).max_element()
             })
             .fold(0.0, f64::max)
     }

@@ -89,7 +89,10 @@ impl Options {
         check_range("page", f64::from(self.atlas.page), (64.0, 16384.0))?;
         check_range("padding", f64::from(self.atlas.padding), (2.0, 64.0))?;
         let samples = f64::from(self.transport.samples);
-        check_range("samples", samples, (1.0, 65536.0))
+        check_range("samples", samples, (1.0, 65536.0))?;
+        check_range("light-radius", self.lights.light_radius, (0.0, 1e3))?;
+        let sun_angle = self.lights.sun_angle.to_degrees();
+        check_range("sun-angle", sun_angle, (0.0, 90.0))
     }
 }
 

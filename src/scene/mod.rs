@@ -166,7 +166,7 @@ impl Triangle {
     }
 }
 
-/// A light of `KHR_lights_punctual`, in world space. Read, not yet baked.
+/// A light of `KHR_lights_punctual`, in world space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PunctualLight {
     /// Authored name, else `light<index>`.
@@ -181,6 +181,8 @@ pub struct PunctualLight {
     pub direction: DVec3,
     /// What shape its light has.
     pub kind: PunctualKind,
+    /// Point and spot: radius in metres, directional: angular diameter in radians, where the node's extras give one; 0 is hard.
+    pub size: Option<f64>,
 }
 
 /// Shape of a punctual light.

@@ -25,7 +25,8 @@ pub use self::contour::Sums;
 pub use self::gather::gather;
 use self::source::Source;
 pub use self::vedel::Options as VedelOptions;
-use crate::lights::Polygon;
+use crate::lights::{Lights, Polygon};
+use crate::math::Aabb;
 
 /// How light is evaluated.
 #[derive(Clone, Debug, PartialEq)]
@@ -157,6 +158,8 @@ pub struct Counters {
     pub pairs_facing_away: u64,
     /// Pairs with an empty shaft: closed form, no ray.
     pub pairs_unoccluded: u64,
+    /// Pairs of which the light has no size: a ray per point.
+    pub pairs_hard: u64,
     /// Pairs whose visible contour was clipped exactly.
     pub pairs_exact: u64,
     /// Candidate silhouette edges of those pairs.
@@ -180,6 +183,7 @@ impl Counters {
         self.pairs_negligible += other.pairs_negligible;
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
+        self.pairs_hard += other.pairs_hard;
         self.pairs_exact += other.pairs_exact;
         self.edges += other.edges;
         self.pairs_sampled += other.pairs_sampled;
@@ -200,4 +204,19 @@ pub fn unoccluded(polygon: &Polygon, receiver: &Receiver, gradients: bool) -> Su
     Source::new(polygon)
         .unoccluded(receiver, gradients, &mut Vec::new())
         .map_or(Sums::DARK, |light| light.sums)
+}
+
+/// The irradiance in lux of all `lights` at `receiver`, at its own normal, when nothing stands in the way.
+#[must_use]
+pub fn unoccluded_irradiance(lights: &Lights, receiver: &Receiver) -> DVec3 {
+    let places = Aabb::from_points([receiver.position]);
+    let mut pieces = Vec::new();
+    Source::all(lights, &places)
+        .iter()
+        .filter_map(|source| {
+            let light = source.unoccluded(receiver, false, &mut pieces)?;
+            let (share, _) = source.attenuation(receiver.position);
+            Some(source.strength * (share * light.sums.g.dot(receiver.normal).max(0.0)))
+        })
+        .sum()
 }

@@ -146,6 +146,9 @@ pub(crate) struct Probe {
 
     #[command(flatten)]
     pub(crate) sampling: Sampling,
+
+    #[command(flatten)]
+    pub(crate) sizes: Sizes,
 }
 
 #[derive(Debug, clap::Args)]
@@ -208,6 +211,19 @@ pub(crate) struct Sampling {
     samples: Option<u32>,
 }
 
+/// How large authored lights are whose nodes do not say it.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Sizes {
+    /// Radius in metres of point and spot lights; 0 casts hard shadows. A node's extras win: {"lumel": {"radius": 0.1}} [default: 0]
+    #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(0.0..=1e3))]
+    light_radius: Option<f64>,
+
+    /// Angular diameter in degrees of directional lights; 0 casts hard shadows. A node's extras win, in radians as all of glTF:
+    /// {"lumel": {"angular_diameter": 0.00925}} [default: 0.53, the sun's]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = real(0.0..=90.0))]
+    sun_angle: Option<f64>,
+}
+
 /// What decides size and accuracy of a bake.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Quality {
@@ -238,6 +254,9 @@ pub(crate) struct Quality {
     #[command(flatten)]
     sampling: Sampling,
 
+    #[command(flatten)]
+    sizes: Sizes,
+
     /// Stores the light vector even when no material has a normal map
     #[arg(long)]
     directional: bool,
@@ -261,7 +280,19 @@ impl Probe {
     pub(crate) fn options(&self) -> Options {
         let mut options = Options::default();
         self.sampling.apply(&mut options);
+        self.sizes.apply(&mut options);
         options
+    }
+}
+
+impl Sizes {
+    fn apply(&self, options: &mut Options) {
+        if let Some(radius) = self.light_radius {
+            options.lights.light_radius = radius;
+        }
+        if let Some(degrees) = self.sun_angle {
+            options.lights.sun_angle = degrees.to_radians();
+        }
     }
 }
 
@@ -292,6 +323,7 @@ impl Quality {
             options.tolerance = tolerance;
         }
         self.sampling.apply(&mut options);
+        self.sizes.apply(&mut options);
         options.directional = self.directional;
         options
     }
@@ -489,6 +521,11 @@ mod tests {
             ("padding", defaults.atlas.padding.to_string()),
             ("tolerance", defaults.tolerance.to_string()),
             ("samples", defaults.transport.samples.to_string()),
+            ("light_radius", defaults.lights.light_radius.to_string()),
+            (
+                "sun_angle",
+                format!("{:.2}", defaults.lights.sun_angle.to_degrees()),
+            ),
         ] {
             let argument = bake
                 .get_arguments()
@@ -513,6 +550,8 @@ mod tests {
             ("--page", "64", "16384"),
             ("--padding", "2", "64"),
             ("--samples", "1", "65536"),
+            ("--light-radius", "0", "1000"),
+            ("--sun-angle", "0", "90"),
         ] {
             for end in [low, high] {
                 if let Err(error) = bake_options(&[option, end]).validate() {
