@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::minor;
 use super::pair::{Pair, Part, Scratch};
 use super::select::select;
 use super::source::Source;
@@ -31,7 +32,15 @@ pub fn gather(
     let selection = select(&sources, tile, options.negligible);
     counters.pairs += sources.len() as u64;
     counters.pairs_negligible += (sources.len() - selection.lights.len()) as u64;
-    for index in selection.lights {
+    // What is tested by rays has no derivatives.
+    let threshold = if options.gradients {
+        0.0
+    } else {
+        options.direct_threshold
+    };
+    let split = minor::split(&sources, selection.lights, tile, threshold);
+    counters.pairs_minor += split.minor.len() as u64;
+    for &index in &split.major {
         let source = &sources[index];
         let lit: Vec<usize> = (0..tile.len())
             .filter(|&place| source.shines_on(&tile[place]))
@@ -57,6 +66,15 @@ pub fn gather(
         }
     }
     counters.points_fallback = scratch.fallbacks;
+    minor::add(
+        &sources,
+        &split,
+        tile,
+        occluders,
+        options,
+        &mut totals,
+        &mut counters,
+    );
     let samples = totals
         .into_iter()
         .map(|total| total.finish(options.gradients, selection.left_out))
@@ -66,7 +84,7 @@ pub fn gather(
 
 /// A sample as it adds up.
 #[derive(Clone)]
-struct Total {
+pub(super) struct Total {
     sample: Sample,
     /// Sum of the squares of the standard errors: the lights' samples are independent.
     variance: f64,
@@ -83,7 +101,7 @@ impl Default for Total {
 
 impl Total {
     /// Adds what is seen of a light of this strength.
-    fn add(&mut self, part: &Part, strength: DVec3) {
+    pub(super) fn add(&mut self, part: &Part, strength: DVec3) {
         let sums = &part.sums;
         let sample = &mut self.sample;
         sample.rays += part.rays;
@@ -100,6 +118,16 @@ impl Total {
         sample.has_gradient &= sums.has_gradient;
         sample.error += sums.rounding * brightest;
         self.variance += (part.error * brightest).powi(2);
+    }
+
+    /// Irradiance in lux, brightest channel, at the receiver's own normal.
+    pub(super) fn irradiance(&self, receiver: &Receiver) -> f64 {
+        self.sample.irradiance(receiver.normal).max_element()
+    }
+
+    /// Adds a bound in lux to the error.
+    pub(super) fn widen(&mut self, bound: f64) {
+        self.sample.error += bound;
     }
 
     fn finish(self, gradients: bool, left_out: f64) -> Sample {

@@ -11,6 +11,7 @@ mod distant;
 mod exact;
 mod frame;
 mod gather;
+mod minor;
 mod outline;
 mod pair;
 mod sampled;
@@ -41,6 +42,13 @@ pub struct Options {
     /// Irradiance in lux that may be missing: per tile the dimmest lights are left out as long as upper bounds of what they give sum up
     /// to no more. The sum enters [`Sample::error`]; derivatives lack those lights too. Range: 0 and more. Default: 0, all lights count.
     pub negligible: f64,
+    /// Lights that could give a receiver no more than this share of all its light are tested by one shadow ray at most, and none once what
+    /// is left to test is below this share of what is known; what is not tested is added as often as the tile sees it, and counted as error.
+    /// Radiance's `-dt`. Range: 0..=1; 0 integrates every light. Not with `gradients`. Default: 0.
+    pub direct_threshold: f64,
+    /// How many of the n lights left to test are compared with the threshold before testing stops: the largest n to this power. Radiance's
+    /// `-dc`. Range: 0 (the next alone)..=1 (all of them: the bound holds). Default: 0.5.
+    pub direct_certainty: f64,
     /// How [`Estimator::Vedel`] looks.
     pub vedel: VedelOptions,
     /// Whether to evaluate `j` and `grad_phi`.
@@ -57,6 +65,8 @@ impl Default for Options {
             samples: 64,
             accepted_error: 0.0,
             negligible: 0.0,
+            direct_threshold: 0.0,
+            direct_certainty: 0.5,
             vedel: VedelOptions::default(),
             gradients: true,
             appendix_derivative: false,
@@ -154,6 +164,10 @@ pub struct Counters {
     pub pairs: u64,
     /// Pairs that were left out because the light cannot give the tile more than [`Options::negligible`].
     pub pairs_negligible: u64,
+    /// Pairs of which the light matters little: tested by one ray per point at most.
+    pub pairs_minor: u64,
+    /// Lights that a point did not test: added as often as its tile sees them.
+    pub lights_untested: u64,
     /// Pairs that cannot see each other: below the horizon of the whole tile, or behind the light.
     pub pairs_facing_away: u64,
     /// Pairs with an empty shaft: closed form, no ray.
@@ -181,6 +195,8 @@ impl Counters {
         self.shadow_rays += other.shadow_rays;
         self.pairs += other.pairs;
         self.pairs_negligible += other.pairs_negligible;
+        self.pairs_minor += other.pairs_minor;
+        self.lights_untested += other.lights_untested;
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
         self.pairs_hard += other.pairs_hard;

@@ -21,6 +21,9 @@ const COPLANAR: f64 = 8.0 * f64::EPSILON;
 /// Distance of what is at infinity, in radii of scene and tile together. It must lie beyond all of them; farther off would cost digits.
 const INFINITY: f64 = 4.0;
 
+/// Distance in radii from which a light is a speck to [`Source::at_a_glance`]: 1e-3 of it may be wrong.
+const SPECK: f64 = 30.0;
+
 /// A light and its measures.
 #[derive(Clone, Debug)]
 pub(super) struct Source<'a> {
@@ -481,6 +484,75 @@ impl<'a> Source<'a> {
     /// Whether [`Self::spread`] is the same for all receivers.
     pub(super) fn is_fixed(&self) -> bool {
         matches!(self.shape, Shape::Surface { .. })
+    }
+
+    /// Whether it is somewhere, and not at infinity.
+    pub(super) fn has_place(&self) -> bool {
+        !matches!(self.shape, Shape::Distant { .. })
+    }
+
+    /// A box that holds it, world metres.
+    pub(super) fn bounds(&self) -> Aabb {
+        Aabb {
+            min: self.centre - self.radius,
+            max: self.centre + self.radius,
+        }
+    }
+
+    /// About the irradiance in lux, brightest channel, that `receiver` would get at its own normal with nothing in the way. Positive wherever
+    /// the light can be seen; right for a small light, rough for a near one.
+    pub(super) fn potential(&self, receiver: &Receiver) -> f64 {
+        let offset = self.seen_middle(receiver.position) - receiver.position;
+        let square = offset.length_squared();
+        let distance = square.sqrt();
+        // Some of a light is above the horizon even when its middle is below.
+        let highest = offset.dot(receiver.normal) + self.radius;
+        if highest <= 0.0 || distance == 0.0 {
+            return 0.0;
+        }
+        let cosine = (highest / distance).min(1.0);
+        let per_unit = match &self.shape {
+            Shape::Surface { polygon, .. } => {
+                let height = self.height(receiver.position).abs();
+                polygon.area * cosine * height / (distance * (square + polygon.area / PI))
+            }
+            Shape::Ball(light) => {
+                let (share, _) = light.attenuation(receiver.position);
+                let area = PI * light.radius * light.radius;
+                let unit = if area > 0.0 { area } else { 1.0 };
+                share * cosine * unit / (square + area / PI)
+            }
+            Shape::Distant { .. } => cosine * PI * (self.radius / distance).powi(2),
+        };
+        self.strength.max_element() * per_unit
+    }
+
+    /// [`Self::unoccluded`] with its attenuation, without derivatives, and for lights above the horizon and very small for their distance with
+    /// a relative error of the square of that ratio.
+    pub(super) fn at_a_glance(&self, receiver: &Receiver, pieces: &mut Vec<Piece>) -> Option<Sums> {
+        if let Shape::Surface { polygon, .. } = &self.shape {
+            let offset = self.centre - receiver.position;
+            let square = offset.length_squared();
+            let is_speck = square > SPECK * SPECK * self.radius * self.radius;
+            if is_speck && offset.dot(receiver.normal) > self.radius {
+                let height = self.height(receiver.position).abs();
+                let distance = square.sqrt();
+                let phi = polygon.area * height / (distance * square);
+                return Some(Sums {
+                    g: offset * (phi / distance),
+                    phi,
+                    rounding: phi / (SPECK * SPECK),
+                    ..Sums::DARK
+                });
+            }
+        }
+        let (share, slope) = self.attenuation(receiver.position);
+        if share <= 0.0 {
+            return None;
+        }
+        let mut sums = self.unoccluded(receiver, false, pieces)?.sums;
+        sums.attenuate(share, slope);
+        Some(sums)
     }
 
     /// Upper bound in lux of the irradiance that this light can give, brightest channel, to any receiver within `radius` metres of
