@@ -187,6 +187,8 @@ fn options_json(options: &Options) -> Value {
         "tolerance": options.tolerance,
         "estimator": options.transport.estimator,
         "samples": options.transport.samples,
+        "direct-threshold": options.direct_threshold.unwrap_or(options.tolerance),
+        "direct-certainty": options.transport.direct_certainty,
         "light-radius": options.lights.light_radius,
         "sun-angle": options.lights.sun_angle.to_degrees(),
         "directional": options.directional,

@@ -47,6 +47,7 @@ impl Plan {
     pub(super) fn transport(&self, options: &Options) -> transport::Options {
         transport::Options {
             gradients: self.writes(Output::Gradient),
+            direct_threshold: options.direct_threshold.unwrap_or(options.tolerance),
             ..options.transport.clone()
         }
     }
@@ -74,12 +75,12 @@ pub fn plan(scene: &Scene, lights: &Lights, options: &Options) -> Plan {
         decisions: Vec::new(),
         outputs: Vec::new(),
     };
-    decide_light(&mut plan, scene, lights);
+    decide_light(&mut plan, scene, lights, options);
     decide_files(&mut plan, scene, lights, options);
     plan
 }
 
-fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights) {
+fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Options) {
     let n_polygons = lights.polygons.len();
     plan.decide(
         "area lights",
@@ -97,6 +98,24 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights) {
             "dim lights",
             false,
             "where lights together can add no more than a quarter of the tolerance to a tile, they are left out there and counted as error",
+        );
+    }
+    if lights.len() >= transport::MANY_LIGHTS {
+        let threshold = options.direct_threshold.unwrap_or(options.tolerance);
+        let gradients = options.asks_for(Output::Gradient);
+        plan.decide(
+            "adaptive shadow testing",
+            threshold > 0.0 && !gradients,
+            if gradients {
+                "derivatives were asked for, so every light is integrated".to_owned()
+            } else if threshold > 0.0 {
+                format!(
+                    "of {} lights those that could give a tile less than {threshold} of its light are tested by one ray at most",
+                    lights.len()
+                )
+            } else {
+                "--direct-threshold 0: every light is integrated".to_owned()
+            },
         );
     }
     plan.decide("sky", false, "this version does not bake skies yet");

@@ -250,6 +250,15 @@ impl Scene {
         material::alpha(self, triangle, weights)
     }
 
+    /// Share of the light that passes through a surface point of a translucent material, per channel in [0, 1]: base colour × (1 − alpha),
+    /// or × the transmission factor. All of it where alpha is 0: there is no surface.
+    ///
+    /// `triangle` indexes [`Scene::triangles`]; `weights` are the barycentric weights of its `vertices`.
+    #[must_use]
+    pub fn transmittance(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {
+        material::transmittance(self, triangle, weights)
+    }
+
     /// Emission of a surface point, in nit: emissive factor × texture × `KHR_materials_emissive_strength`.
     ///
     /// `triangle` indexes [`Scene::triangles`]; `weights` are the barycentric weights of its `vertices`.

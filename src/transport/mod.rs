@@ -24,6 +24,7 @@ use glam::{DMat3, DVec3};
 
 pub use self::contour::Sums;
 pub use self::gather::gather;
+pub use self::minor::MANY_LIGHTS;
 use self::source::Source;
 pub use self::vedel::Options as VedelOptions;
 use crate::lights::{Lights, Polygon};

@@ -209,6 +209,15 @@ pub(crate) struct Sampling {
     /// Shadow rays per point and partly hidden light, where light is sampled [default: 64]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole(1..=65536))]
     samples: Option<u32>,
+
+    /// Among 16 lights or more: those that could give less than this share of the light are tested by one shadow ray at most, and none once
+    /// the rest is below this share of what is known; 0 integrates all. Radiance's -dt [default: the tolerance]
+    #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(0.0..=1.0))]
+    direct_threshold: Option<f64>,
+
+    /// How many of the n lights left to test count as the rest: the largest n to the power of X. Radiance's -dc [default: 0.5]
+    #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(0.0..=1.0))]
+    direct_certainty: Option<f64>,
 }
 
 /// How large authored lights are whose nodes do not say it.
@@ -301,6 +310,10 @@ impl Sampling {
         options.transport.estimator = self.estimator.into();
         if let Some(samples) = self.samples {
             options.transport.samples = samples;
+        }
+        options.direct_threshold = self.direct_threshold;
+        if let Some(certainty) = self.direct_certainty {
+            options.transport.direct_certainty = certainty;
         }
     }
 }
@@ -521,6 +534,10 @@ mod tests {
             ("padding", defaults.atlas.padding.to_string()),
             ("tolerance", defaults.tolerance.to_string()),
             ("samples", defaults.transport.samples.to_string()),
+            (
+                "direct_certainty",
+                defaults.transport.direct_certainty.to_string(),
+            ),
             ("light_radius", defaults.lights.light_radius.to_string()),
             (
                 "sun_angle",
@@ -550,6 +567,8 @@ mod tests {
             ("--page", "64", "16384"),
             ("--padding", "2", "64"),
             ("--samples", "1", "65536"),
+            ("--direct-threshold", "0", "1"),
+            ("--direct-certainty", "0", "1"),
             ("--light-radius", "0", "1000"),
             ("--sun-angle", "0", "90"),
         ] {
