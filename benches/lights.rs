@@ -20,15 +20,24 @@ use rustix::time::{ClockId, clock_gettime};
 const STRIDE: usize = 37;
 
 fn main() {
-    let path = format!("{}/fixtures/theatre/theatre.gltf", env!("CARGO_MANIFEST_DIR"));
+    let path = format!(
+        "{}/fixtures/theatre/theatre.gltf",
+        env!("CARGO_MANIFEST_DIR")
+    );
     let scene = Scene::open(path.as_ref(), &scene::Options::default()).expect("a fixture");
     let lights = lights::collect(&scene, &lights::Options::default());
     let occluders = Occluders::build(&scene);
     let _ = occluders.edges();
     let tiles: Vec<_> = tiles().into_iter().step_by(STRIDE).collect();
-    println!("theatre: {} lights, {} tiles of 64 points", lights.len(), tiles.len());
+    println!(
+        "theatre: {} lights, {} tiles of 64 points",
+        lights.len(),
+        tiles.len()
+    );
     let all = run(&tiles, &lights, &occluders, &Options::default());
-    println!("  threshold certainty   rel. RMSE  rel. max   rays/point  untested/point  bound broken  CPU of all");
+    println!(
+        "  threshold certainty   rel. RMSE  rel. max   rays/point  untested/point  bound broken  CPU of all"
+    );
     for (threshold, certainty) in [
         (0.0, 1.0),
         (0.0025, 0.5),
@@ -45,7 +54,11 @@ fn main() {
             direct_certainty: certainty,
             ..Options::default()
         };
-        compare(&run(&tiles, &lights, &occluders, &options), &all, (threshold, certainty));
+        compare(
+            &run(&tiles, &lights, &occluders, &options),
+            &all,
+            (threshold, certainty),
+        );
     }
 
     println!("\nthe same hall with the same light from more lamps, default threshold");
@@ -78,10 +91,22 @@ fn main() {
 fn grid(side: usize) -> Lights {
     let step = DVec3::new(40.0, 0.0, 24.0) / side as f64;
     let polygons = (0..side * side).map(|index| {
-        let place = DVec3::new((index % side) as f64 + 0.5, 0.0, (index / side) as f64 + 0.5);
+        let place = DVec3::new(
+            (index % side) as f64 + 0.5,
+            0.0,
+            (index / side) as f64 + 0.5,
+        );
         let centre = place * step + DVec3::Y * 8.7;
-        let (u, v) = (DVec3::X * (4.0 / side as f64), DVec3::Z * (2.4 / side as f64));
-        let [a, b, c, d] = [centre - u - v, centre + u - v, centre + u + v, centre - u + v];
+        let (u, v) = (
+            DVec3::X * (4.0 / side as f64),
+            DVec3::Z * (2.4 / side as f64),
+        );
+        let [a, b, c, d] = [
+            centre - u - v,
+            centre + u - v,
+            centre + u + v,
+            centre - u + v,
+        ];
         let output = [0.2, 0.5, 1.0, 2.0, 5.0][(index * 7 + index / side) % 5];
         Polygon {
             contours: vec![vec![a, b, c, d]],
@@ -123,7 +148,12 @@ struct Run {
     cpu: Duration,
 }
 
-fn run(tiles: &[Vec<Receiver>], lights: &Lights, occluders: &Occluders<'_>, options: &Options) -> Run {
+fn run(
+    tiles: &[Vec<Receiver>],
+    lights: &Lights,
+    occluders: &Occluders<'_>,
+    options: &Options,
+) -> Run {
     let options = Options {
         gradients: false,
         ..options.clone()
@@ -155,7 +185,10 @@ fn errors(run: &Run, truth: &Run) -> (f64, f64) {
         pairs.map(|(got, want)| (irradiance(got) - irradiance(want)).abs())
     };
     let square = differences().map(|d| d * d).sum::<f64>() / truth.samples.len() as f64;
-    (square.sqrt() / mean, differences().fold(0.0, f64::max) / mean)
+    (
+        square.sqrt() / mean,
+        differences().fold(0.0, f64::max) / mean,
+    )
 }
 
 fn compare(run: &Run, truth: &Run, (threshold, certainty): (f64, f64)) {
@@ -179,5 +212,8 @@ fn compare(run: &Run, truth: &Run, (threshold, certainty): (f64, f64)) {
 
 fn cpu_time() -> Duration {
     let time = clock_gettime(ClockId::ThreadCPUTime);
-    Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
+    Duration::new(
+        time.tv_sec.unsigned_abs(),
+        time.tv_nsec.unsigned_abs() as u32,
+    )
 }

@@ -8,6 +8,7 @@ mod cli;
 mod estimators;
 mod exact;
 mod lights;
+mod many_lights;
 mod output;
 mod punctual;
 mod scene;

@@ -43,7 +43,12 @@ fn sample(lights: &Lights, scene: &Scene, receiver: &Receiver) -> Sample {
     sample_with(lights, scene, receiver, Estimator::Auto)
 }
 
-fn sample_with(lights: &Lights, scene: &Scene, receiver: &Receiver, estimator: Estimator) -> Sample {
+fn sample_with(
+    lights: &Lights,
+    scene: &Scene,
+    receiver: &Receiver,
+    estimator: Estimator,
+) -> Sample {
     let options = Options {
         estimator,
         ..Options::default()
@@ -78,7 +83,11 @@ fn assert_derivatives(lights: &Lights, scene: &Scene, receiver: &Receiver, toler
     let scale = j.x_axis.length() + j.y_axis.length() + j.z_axis.length();
     let error = here.j[0] - j;
     let error = error.x_axis.length() + error.y_axis.length() + error.z_axis.length();
-    assert!(error <= tolerance * scale, "J: {:?}, differences {j:?}", here.j[0]);
+    assert!(
+        error <= tolerance * scale,
+        "J: {:?}, differences {j:?}",
+        here.j[0]
+    );
     let error = (here.grad_phi[0] - grad_phi).length();
     assert!(
         error <= tolerance * grad_phi.length(),
@@ -225,7 +234,11 @@ fn the_sun_s_penumbra_is_as_wide_as_the_sun() {
         let receiver = upwards(DVec3::new(x, 0.0, 0.0));
         let got = sample(&lights, &scene, &receiver);
         let want = 3.0 * (1.0 - segment(x / radius));
-        assert!((got.g[0].y - want).abs() < 3e-3 * 3.0, "{x}: {} {want}", got.g[0].y);
+        assert!(
+            (got.g[0].y - want).abs() < 3e-3 * 3.0,
+            "{x}: {} {want}",
+            got.g[0].y
+        );
         assert_eq!(got.rays, 0);
         if step.abs() < 9 {
             // The border of the sun has corners: 1e-4 of a step over one.
@@ -245,7 +258,12 @@ fn a_sphere_gives_the_light_of_a_point_and_a_penumbra() {
     bulb.size = Some(0.1);
     let lights = lights_of(&mut scene, vec![bulb]);
     let at = |x: f64, estimator| {
-        sample_with(&lights, &scene, &upwards(DVec3::new(x, 0.0, 0.0)), estimator)
+        sample_with(
+            &lights,
+            &scene,
+            &upwards(DVec3::new(x, 0.0, 0.0)),
+            estimator,
+        )
     };
     // In the open, and just before the shadow begins: as bright as a point.
     for x in [1.0, 0.12] {
@@ -258,10 +276,17 @@ fn a_sphere_gives_the_light_of_a_point_and_a_penumbra() {
         let sampled = at(x, Estimator::Sampled);
         assert!(exact.rays == 0 && sampled.rays > 0);
         let difference = (exact.g[0].y - sampled.g[0].y).abs();
-        assert!(difference < 5.0 * sampled.error.max(1e-3), "{x}: {difference}");
+        assert!(
+            difference < 5.0 * sampled.error.max(1e-3),
+            "{x}: {difference}"
+        );
         // The disc is seen edge-on by nobody: a straight edge at half height moves over it twice as fast as the receiver.
         let want = 0.75 * (1.0 - segment(x / 0.1));
-        assert!((exact.g[0].y - want).abs() < 0.01, "{x}: {} {want}", exact.g[0].y);
+        assert!(
+            (exact.g[0].y - want).abs() < 0.01,
+            "{x}: {} {want}",
+            exact.g[0].y
+        );
         assert_derivatives(&lights, &scene, &upwards(DVec3::new(x, 0.0, 0.0)), 0.02);
     }
 }
@@ -285,7 +310,12 @@ fn a_sphere_sinks_below_the_horizon_smoothly() {
         want += mean_y / (1.0 - r * r).sqrt() * (PI * sine * sine / 2.0) / n as f64;
     }
     let difference = (got.g[0].y - radiance * want).abs();
-    assert!(difference < 5e-3 * radiance * want, "{} {}", got.g[0].y, radiance * want);
+    assert!(
+        difference < 5e-3 * radiance * want,
+        "{} {}",
+        got.g[0].y,
+        radiance * want
+    );
     let dark = sample(&lights, &scene, &upwards(DVec3::new(0.0, 0.51, 0.0)));
     assert_eq!(dark.g[0], DVec3::ZERO);
     let inside = sample(&lights, &scene, &upwards(DVec3::new(2.0, 0.1, 0.0)));

@@ -61,7 +61,10 @@ mod tests {
             let distance = 1.0_f64.hypot(inradius);
             let given = sides * (half_side / distance).atan() * inradius / distance;
             let wanted = PI * slope * slope / (1.0 + slope * slope);
-            assert!((given - wanted).abs() <= 1e-13 * wanted, "{slope}: {given} {wanted}");
+            assert!(
+                (given - wanted).abs() <= 1e-13 * wanted,
+                "{slope}: {given} {wanted}"
+            );
         }
     }
 }

@@ -149,12 +149,7 @@ fn place(
 }
 
 /// `extras.lumel.radius` of a node with a point or spot light, `extras.lumel.angular_diameter` of one with a directional light.
-fn size(
-    kind: PunctualKind,
-    extras: &Value,
-    place: &str,
-    warnings: &mut Warnings,
-) -> Option<f64> {
+fn size(kind: PunctualKind, extras: &Value, place: &str, warnings: &mut Warnings) -> Option<f64> {
     let (key, largest, message) = match kind {
         PunctualKind::Point { .. } | PunctualKind::Spot { .. } => (
             "radius",

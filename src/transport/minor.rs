@@ -104,9 +104,13 @@ pub(super) fn split(
 /// Place of a point of the box along Morton's curve, which keeps neighbours together: the bits of its coordinates in turn.
 fn along_curve(point: DVec3, bounds: &Aabb) -> u64 {
     let size = (bounds.max - bounds.min).max(DVec3::splat(f64::MIN_POSITIVE));
-    let cell = ((point - bounds.min) / size * 1023.0).to_array().map(|x| x as u64);
+    let cell = ((point - bounds.min) / size * 1023.0)
+        .to_array()
+        .map(|x| x as u64);
     (0..10).fold(0, |key, bit| {
-        (0..3).fold(key, |key, axis| key | ((cell[axis] >> bit) & 1) << (3 * bit + axis))
+        (0..3).fold(key, |key, axis| {
+            key | ((cell[axis] >> bit) & 1) << (3 * bit + axis)
+        })
     })
 }
 
@@ -262,7 +266,11 @@ impl Tests<'_, '_> {
     /// Adds what needs no test and no closer look.
     fn add_flocks(&self, place: usize, total: &mut Total) {
         let receiver = &self.tile[place];
-        for flock in self.groups.iter().filter_map(|group| group.flock_at(receiver)) {
+        for flock in self
+            .groups
+            .iter()
+            .filter_map(|group| group.flock_at(receiver))
+        {
             let part = Part {
                 sums: flock.sums(receiver.position),
                 error: 0.0,
@@ -373,9 +381,12 @@ impl Tests<'_, '_> {
 
     /// Share of the tile's rays that reached their light.
     fn everybody(&self) -> f64 {
-        let (tested, seen) = self.minors.iter().fold((0.0, 0.0), |(tested, seen), minor| {
-            (tested + minor.history.tested, seen + minor.history.seen)
-        });
+        let (tested, seen) = self
+            .minors
+            .iter()
+            .fold((0.0, 0.0), |(tested, seen), minor| {
+                (tested + minor.history.tested, seen + minor.history.seen)
+            });
         if tested > 0.0 { seen / tested } else { 1.0 }
     }
 
