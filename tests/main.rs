@@ -7,6 +7,7 @@ mod atlas;
 mod cli;
 mod estimators;
 mod exact;
+mod glass;
 mod lights;
 mod many_lights;
 mod output;

@@ -87,7 +87,12 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
         n_polygons > 0,
         if n_polygons > 0 {
             let n_triangles: usize = lights.polygons.iter().map(|p| p.surface.len()).sum();
-            format!("{n_triangles} emissive triangles make {n_polygons} polygons")
+            let n_authored = scene.area_lights.len();
+            let n_own = n_polygons - n_authored.min(n_polygons);
+            match n_authored {
+                0 => format!("{n_triangles} emissive triangles make {n_polygons} polygons"),
+                _ => format!("{n_triangles} emissive triangles make {n_own} polygons; {n_authored} are authored (EXT_lights_area)"),
+            }
         } else {
             "no material emits".to_owned()
         },

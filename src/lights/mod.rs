@@ -64,7 +64,7 @@ impl Default for Options {
 /// All lights of a scene.
 #[derive(Debug, Default)]
 pub struct Lights {
-    /// Emissive surfaces, in the order of their first triangle.
+    /// Emissive surfaces, in the order of their first triangle, then authored area lights, which have no triangles of the scene.
     pub polygons: Vec<Polygon>,
     /// Suns with a diameter.
     pub distant: Vec<Distant>,
@@ -109,8 +109,10 @@ pub fn collect(scene: &Scene, options: &Options) -> Lights {
     let pieces = split::uniform_pieces(scene, &emitters, options, &mut warnings);
     let (points, distant, suns) = punctual::collect(&scene.punctual_lights, options);
     let bounds = Aabb::from_points(scene.triangles.iter().flat_map(|t| t.vertices));
+    let mut polygons = merge::polygons(&pieces);
+    polygons.extend(scene.area_lights.iter().filter_map(punctual::surface_of));
     Lights {
-        polygons: merge::polygons(&pieces),
+        polygons,
         distant,
         points,
         suns,

@@ -4,7 +4,8 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{Options, disc};
+use super::{Options, Polygon, disc};
+use crate::scene::AreaLight;
 use crate::scene::PunctualKind;
 use crate::scene::PunctualLight;
 
@@ -155,6 +156,44 @@ pub(super) fn collect(
         }
     }
     (points, distant, suns)
+}
+
+/// The polygon of an authored area light; a disc becomes a regular polygon of its area. `None` when it gives no light.
+pub(super) fn surface_of(light: &AreaLight) -> Option<Polygon> {
+    let (u, v) = (light.half_width, light.half_height);
+    let normal = v.cross(u).normalize_or_zero();
+    if light.radiance.max_element() <= 0.0 || normal == DVec3::ZERO {
+        return None;
+    }
+    let contour: Vec<DVec3> = if light.is_disc {
+        let sides = disc::SIDES as f64;
+        let (sin, cos) = (PI / sides).sin_cos();
+        let radius = u.length() * (PI / (sides * sin * cos)).sqrt();
+        // Counter-clockwise seen from where it shines.
+        disc::directions(-normal)
+            .map(|side| light.centre + radius * side)
+            .collect()
+    } else {
+        let at = |x: f64, y: f64| light.centre + x * u + y * v;
+        vec![at(-1.0, -1.0), at(-1.0, 1.0), at(1.0, 1.0), at(1.0, -1.0)]
+    };
+    let triangles: Vec<[DVec3; 3]> = (2..contour.len())
+        .map(|k| [contour[0], contour[k - 1], contour[k]])
+        .collect();
+    let area = if light.is_disc {
+        PI * u.length_squared()
+    } else {
+        4.0 * u.length() * v.length()
+    };
+    Some(Polygon {
+        contours: vec![contour],
+        triangles,
+        normal,
+        area,
+        radiance: light.radiance,
+        two_sided: false,
+        surface: Vec::new(),
+    })
 }
 
 /// A sun of the angular diameter `diameter` in 0..π that gives `illuminance` lux to a surface that faces it.

@@ -76,6 +76,8 @@ pub struct Scene {
     pub triangles: Vec<Triangle>,
     /// Authored lights (`KHR_lights_punctual`), in world space.
     pub punctual_lights: Vec<PunctualLight>,
+    /// Authored lights with a surface of their own (the draft `EXT_lights_area`), in world space.
+    pub area_lights: Vec<AreaLight>,
     /// The document itself, for the stage that writes it again.
     pub source: Source,
     /// What was odd.
@@ -183,6 +185,26 @@ pub struct PunctualLight {
     pub kind: PunctualKind,
     /// Point and spot: radius in metres, directional: angular diameter in radians, where the node's extras give one; 0 is hard.
     pub size: Option<f64>,
+}
+
+/// A light of the draft extension `EXT_lights_area`, in world space: a plane surface that nobody sees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AreaLight {
+    /// Authored name, else `area light<index>`.
+    pub name: String,
+    /// Index in the document's `nodes`.
+    pub node: usize,
+    /// Nit, linear RGB, colour included.
+    pub radiance: DVec3,
+    /// World metres.
+    pub centre: DVec3,
+    /// From the centre to the middle of a side (of a disc: to its border), world metres; perpendicular to each other. It shines along
+    /// `half_height` × `half_width`.
+    pub half_width: DVec3,
+    /// See `half_width`.
+    pub half_height: DVec3,
+    /// Whether it is a disc.
+    pub is_disc: bool,
 }
 
 /// Shape of a punctual light.
