@@ -15,13 +15,17 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 
-use super::lanes::{Kernel, Lanes, Machine};
+use super::bundle::Bundle;
+use super::entries::{self, Entries};
+use super::frame::Frame;
+use super::filter::Verdict;
+use super::lanes::{Kernel, LANES, Lanes, Machine};
 use super::surface;
 use super::triangle::{self, Line};
 use super::wide;
@@ -29,22 +33,12 @@ use super::{Edges, Hit, Shaft, Visibility};
 use crate::math::Aabb;
 use crate::scene::Scene;
 
-/// How much larger than its triangles a box is, in units of half the scene.
-///
-/// A ray starts within 2 of the centre and meets the scene within a distance of 6. In units of 2⁻²⁴, half a step of `f32` at 1, it may
-/// be off by 2 (origin) + 12 (direction; components below 2⁻²³ are moved to 2⁻²³) + 9 (slab arithmetic) + 1 (the box): 24.
-/// This is 32. Smaller leaks light; larger opens more boxes.
-const PADDING: f64 = 1.0 / (1u64 << 19) as f64;
-
-/// Rays that start farther than this from the centre are moved to the cube of [`ENTRY`], both in units of half the scene.
-const FAR: f64 = 2.0;
-
-/// Half side of the cube to which far rays are moved: larger than the scene with its padding, smaller than [`FAR`].
-const ENTRY: f64 = 1.5;
-
 /// Up to this many triangles in a shaft are examined more closely. It is emptiness that counts: a shaft of many triangles hardly
 /// becomes empty, and looking closely costs about as much as finding a triangle.
 const FEW: usize = 32;
+
+/// Segments that are sorted at once, so that their answers fit into one number.
+const BATCH: usize = 64;
 
 /// The occluding triangles of a scene.
 #[derive(Debug)]
@@ -76,24 +70,6 @@ impl std::fmt::Debug for Tree {
     }
 }
 
-/// Maps the scene's box into the cube from -1 to 1.
-#[derive(Clone, Copy, Debug)]
-struct Frame {
-    centre: DVec3,
-    /// A power of two, so that scaling rounds nothing.
-    scale: f64,
-}
-
-/// A ray in the frame of the tree.
-struct Walk {
-    start: Vec3,
-    direction: Vec3,
-    /// Distance in the frame by which the start was moved.
-    skipped: f64,
-    /// How far it goes, from the moved start.
-    length: f32,
-}
-
 impl<'a> Occluders<'a> {
     /// Builds the hierarchy over everything in `scene` that is not blended. The same scene gives the same tree on any number of threads.
     #[must_use]
@@ -113,18 +89,20 @@ impl<'a> Occluders<'a> {
                 &mut Duration::default(),
             )
         };
-        let (ranges, ids) = in_order(&bvh, &leaf_entries);
+        let (ranges, ids) = entries::in_order(&bvh, &leaf_entries);
         let vertices: Vec<_> = ids.iter().map(|&id| vertices_of(id)).collect();
+        let masked = surface::has_mask(scene);
         let wide = wide::Tree::collapse(
             &bvh,
             &ranges,
             &vertices,
             |point| frame.point(point),
             |triangle| frame.bounds(triangle),
+            |place| !(masked && surface::is_masked(scene, ids[place as usize])),
         );
         Self {
             scene,
-            masked: surface::has_mask(scene),
+            masked,
             edges: OnceLock::new(),
             frame,
             bvh: Tree(bvh),
@@ -186,6 +164,68 @@ impl<'a> Occluders<'a> {
         found
     }
 
+    /// Those of `segments` at the first `count` of `places` that are stopped, all longest along `axis`.
+    #[inline(always)]
+    fn stopped_of<L: Lanes>(
+        &self,
+        lanes: L,
+        segments: &[[DVec3; 2]],
+        places: &[usize],
+        count: usize,
+        axis: usize,
+        ignore: &dyn Fn(u32) -> bool,
+    ) -> u64 {
+        let mut chosen = [[DVec3::ZERO; 2]; LANES];
+        for (lane, &place) in places.iter().enumerate() {
+            chosen[lane] = segments[place];
+        }
+        let mut bundle = Bundle::new(&self.frame, &chosen, axis);
+        bundle.together &= (1 << count) - 1;
+        let stopped = self.wide.any_of(lanes, &bundle, |place, verdict| {
+            self.stopped(place, verdict, &bundle, &chosen, ignore)
+        });
+        let mut found = 0;
+        for (lane, &place) in places[..count].iter().enumerate() {
+            let hidden = if bundle.together >> lane & 1 == 1 {
+                stopped >> lane & 1 == 1
+            } else {
+                let [from, to] = chosen[lane];
+                self.occluded(from, to, ignore)
+            };
+            found |= u64::from(hidden) << place;
+        }
+        found
+    }
+
+    /// Those of `segments` that the triangle at `place` stops, given what is known of it.
+    #[inline(always)]
+    fn stopped(
+        &self,
+        place: usize,
+        verdict: Verdict,
+        bundle: &Bundle,
+        segments: &[[DVec3; 2]],
+        ignore: &dyn Fn(u32) -> bool,
+    ) -> u32 {
+        let triangle = &self.vertices[place];
+        let sides = bundle.sides(triangle);
+        let mut stopped = verdict.inside & sides.divided;
+        let mut doubtful = verdict.possible & sides.straddling & !stopped;
+        while doubtful != 0 {
+            let lane = doubtful.trailing_zeros();
+            doubtful &= doubtful - 1;
+            let [from, to] = segments[lane as usize];
+            let hides = Line::new(from, to - from)
+                .and_then(|line| triangle::separates(triangle, &line, from, to))
+                .is_some_and(|crossing| self.stops(self.ids[place], &crossing));
+            stopped |= u32::from(hides) << lane;
+        }
+        if stopped != 0 && ignore(self.ids[place]) {
+            return 0;
+        }
+        stopped
+    }
+
     fn stops(&self, id: u32, crossing: &triangle::Crossing) -> bool {
         !self.masked || surface::stops(self.scene, id, crossing)
     }
@@ -199,6 +239,21 @@ impl Visibility for Occluders<'_> {
             to,
             ignore,
         })
+    }
+
+    fn occluded_each(
+        &self,
+        segments: &[[DVec3; 2]],
+        ignore: &dyn Fn(u32) -> bool,
+        hidden: &mut Vec<bool>,
+    ) {
+        hidden.clear();
+        self.machine.run(OccludedEach {
+            occluders: self,
+            segments,
+            ignore,
+            hidden,
+        });
     }
 
     fn closest(
@@ -244,23 +299,78 @@ impl Kernel for Occluded<'_> {
         let Some(walk) = occluders.frame.segment(from, offset) else {
             return false;
         };
-        let ray = walk.ray(&line, occluders.frame.height(from, to));
+        let ray = walk.ray(&line);
         occluders.wide.any(lanes, &ray, walk.length, |candidates| {
-            for (place, certain) in candidates.each() {
+            for (place, solid) in candidates.each() {
                 let id = occluders.ids[place];
-                let stopped = if certain && !occluders.masked {
-                    !ignore(id)
-                } else {
-                    triangle::separates(&occluders.vertices[place], &line, from, to)
-                        .is_some_and(|crossing| !ignore(id) && occluders.stops(id, &crossing))
-                };
-                if stopped {
+                let triangle = &occluders.vertices[place];
+                let stopped = triangle::straddles(triangle, from, to)
+                    && if solid {
+                        triangle::divides(triangle, from, to)
+                    } else {
+                        triangle::separates(triangle, &line, from, to)
+                            .is_some_and(|crossing| occluders.stops(id, &crossing))
+                    };
+                if stopped && !ignore(id) {
                     return true;
                 }
             }
             false
         })
     }
+}
+
+/// [`Visibility::occluded_each`], a segment in each lane.
+struct OccludedEach<'a> {
+    occluders: &'a Occluders<'a>,
+    segments: &'a [[DVec3; 2]],
+    ignore: &'a dyn Fn(u32) -> bool,
+    hidden: &'a mut Vec<bool>,
+}
+
+impl Kernel for OccludedEach<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self {
+            occluders,
+            segments,
+            ignore,
+            hidden,
+        } = self;
+        for segments in segments.chunks(BATCH) {
+            let mut stopped = 0u64;
+            for (axis, mut waiting) in by_longest_axis(segments).into_iter().enumerate() {
+                while waiting != 0 {
+                    let mut places = [waiting.trailing_zeros() as usize; LANES];
+                    let mut count = 0;
+                    while count < LANES && waiting != 0 {
+                        places[count] = waiting.trailing_zeros() as usize;
+                        waiting &= waiting - 1;
+                        count += 1;
+                    }
+                    stopped |= occluders.stopped_of(lanes, segments, &places[..], count, axis, ignore);
+                }
+            }
+            hidden.extend((0..segments.len()).map(|place| stopped >> place & 1 == 1));
+        }
+    }
+}
+
+/// One bit for each of `segments`, by the axis along which they are longest.
+#[inline(always)]
+fn by_longest_axis(segments: &[[DVec3; 2]]) -> [u64; 3] {
+    let mut sets = [0; 3];
+    for (place, [from, to]) in segments.iter().enumerate() {
+        let size = (*to - *from).abs();
+        let x = size.x >= size.y && size.x >= size.z;
+        let y = !x && size.y >= size.z;
+        sets[0] |= u64::from(x) << place;
+        sets[1] |= u64::from(y) << place;
+        sets[2] |= u64::from(!x && !y) << place;
+    }
+    sets
 }
 
 /// [`Visibility::closest`] on eight lanes.
@@ -286,7 +396,7 @@ impl Kernel for Closest<'_> {
         } = self;
         let line = Line::new(origin, direction)?;
         let walk = occluders.frame.walk(origin, direction, max_distance)?;
-        let ray = walk.ray(&line, f64::INFINITY);
+        let ray = walk.ray(&line);
         let mut best: Option<Hit> = None;
         let mut length = walk.length;
         occluders.wide.nearest(lanes, &ray, length, |candidates| {
@@ -314,183 +424,89 @@ impl Kernel for Closest<'_> {
     }
 }
 
-impl Frame {
-    fn new(bounds: &Aabb) -> Self {
-        let centre = bounds.centre();
-        let half = 0.5 * (bounds.max - bounds.min).max_element();
-        if !(centre.is_finite() && half.is_normal() && half > 0.0) {
-            return Self {
-                centre: DVec3::ZERO,
-                scale: 1.0,
-            };
-        }
-        // Clamped so that neither the power nor its use leaves the range of `f64`.
-        let exponent = half.log2().ceil().clamp(-1000.0, 1000.0);
-        Self {
-            centre,
-            scale: (-exponent).exp2(),
-        }
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, Vec3};
+
+    use super::*;
+    use crate::math;
+    use crate::scene::{Instance, Material, Mesh, Primitive};
+    use crate::visibility::BruteForce;
+
+    fn point(seed: u64, index: u64) -> DVec3 {
+        let [x, y] = math::unit_pair(math::hash(seed, 0, index));
+        let [z, _] = math::unit_pair(math::hash(seed, 1, index));
+        2.0 * DVec3::new(x, y, z) - 1.0
     }
 
-    #[inline(always)]
-    fn point(&self, point: DVec3) -> DVec3 {
-        (point - self.centre) * self.scale
-    }
-
-    /// False only for coordinates beyond the range of [`Frame::new`], which no level has.
-    fn holds(&self, triangle: &[DVec3; 3]) -> bool {
-        triangle
-            .iter()
-            .all(|&vertex| self.point(vertex).abs().max_element() <= FAR)
-    }
-
-    fn bounds(&self, triangle: &[DVec3; 3]) -> obvhs::aabb::Aabb {
-        let bounds = Aabb::from_points(triangle.iter().map(|&vertex| self.point(vertex)));
-        obvhs::aabb::Aabb::new(
-            (bounds.min - PADDING).as_vec3a(),
-            (bounds.max + PADDING).as_vec3a(),
+    /// Small triangles in a cube.
+    fn soup(count: u64) -> Scene {
+        let positions: Vec<Vec3> = (0..3 * count)
+            .map(|index| (point(1, index / 3) + 0.2 * point(2, index)).as_vec3())
+            .collect();
+        let primitive = Primitive {
+            source: 0,
+            material: 0,
+            positions,
+            normals: Vec::new(),
+            texcoords: Vec::new(),
+            vertex_alpha: Vec::new(),
+            triangles: (0..count as u32)
+                .map(|index| [3 * index, 3 * index + 1, 3 * index + 2])
+                .collect(),
+        };
+        let mesh = Mesh {
+            name: "mesh".to_owned(),
+            source: 0,
+            primitives: vec![primitive],
+        };
+        let instance = Instance {
+            name: "node".to_owned(),
+            node: 0,
+            copy: None,
+            mesh: 0,
+            world_from_local: DAffine3::IDENTITY,
+            density: 1.0,
+        };
+        Scene::assemble(
+            "soup",
+            vec![mesh],
+            vec![instance],
+            vec![Material::default()],
+            Vec::new(),
         )
     }
 
-    /// The part of the segment from `from` to `from + offset` that can meet the scene; `None` when it misses the scene's cube.
-    #[inline(always)]
-    fn segment(&self, from: DVec3, offset: DVec3) -> Option<Walk> {
-        let start = self.point(from);
-        // In `f32` all components are off by one factor of at most 4 · 2⁻²⁴, which changes the length alone, and by 1 each.
-        let direction = (offset * self.scale).as_vec3();
-        let square = direction.length_squared();
-        let near = start.abs().cmple(DVec3::splat(FAR)).all();
-        if !near || !(1e-30..1e30).contains(&square) {
-            return self.walk(from, offset.try_normalize()?, offset.length());
-        }
-        let length = square.sqrt();
-        Some(Walk {
-            start: start.as_vec3(),
-            direction: direction / length,
-            skipped: 0.0,
-            length: length + PADDING as f32,
-        })
-    }
-
-    /// The part of a ray that can meet the scene; `None` when it misses the scene's cube.
-    #[inline(always)]
-    fn walk(&self, origin: DVec3, direction: DVec3, length: f64) -> Option<Walk> {
-        let mut start = self.point(origin);
-        let mut skipped = 0.0;
-        if start.abs().max_element() > FAR {
-            for axis in 0..3 {
-                let towards = -start[axis].signum() * direction[axis];
-                let outside = start[axis].abs() - ENTRY;
-                if outside > 0.0 {
-                    if towards <= 0.0 {
-                        return None;
-                    }
-                    skipped = f64::max(skipped, outside / towards);
-                }
-            }
-            start += skipped * direction;
-        }
-        // False for what is not finite, too.
-        if !start.abs().cmple(DVec3::splat(FAR)).all() {
-            return None;
-        }
-        let mut walk = Walk {
-            start: start.as_vec3(),
-            direction: direction.as_vec3(),
-            skipped,
-            length: 0.0,
+    #[test]
+    fn machines_without_wide_registers_answer_as_brute_force() {
+        let scene = soup(300);
+        let brute = BruteForce::build(&scene);
+        let tree = Occluders {
+            machine: Machine::Any,
+            ..Occluders::build(&scene)
         };
-        walk.length = walk.limit(length * self.scale);
-        (walk.length > 0.0).then_some(walk)
-    }
-
-    /// More than the exact test allows for the rounding of a height above a plane, times the triangle's area, all in the frame, for a
-    /// segment.
-    ///
-    /// It allows 2⁻⁴⁴ (s d + c a): s, a product of two edges, and a, twice an area, are at most 12 in the frame, d is the distance of an
-    /// end from a vertex, c the largest coordinate. This is 10 times that. Smaller would decide what the exact test must; larger leaves it
-    /// more to do.
-    #[inline(always)]
-    fn height(&self, from: DVec3, to: DVec3) -> f64 {
-        let ends = (self.point(from).abs() + self.point(to).abs()).element_sum();
-        let place = self.centre.abs().max_element() * self.scale;
-        120.0 * (ends + place + 4.0) / (1u64 << 44) as f64
-    }
-}
-
-impl Walk {
-    #[inline(always)]
-    fn ray(&self, line: &Line, height: f64) -> wide::Ray {
-        let (axes, shear) = line.axes();
-        wide::Ray::new(self.start, self.direction, axes, shear, height)
-    }
-
-    /// Distance in the frame at which the walk may stop, rounded up, so that equally near triangles are still looked at.
-    fn limit(&self, distance: f64) -> f32 {
-        (distance - self.skipped + PADDING) as f32
-    }
-}
-
-/// Triangles in the order of the leaves, and for each node of `bvh` where its own lie in that order.
-fn in_order(bvh: &Bvh2, entries: &Entries) -> (Vec<Range<u32>>, Vec<u32>) {
-    let mut ids = Vec::with_capacity(entries.ids.len());
-    let mut ranges = vec![0..0; bvh.nodes.len()];
-    let mut stack = Vec::new();
-    if !bvh.nodes.is_empty() {
-        stack.push((0, false));
-    }
-    while let Some((index, done)) = stack.pop() {
-        let node: &Bvh2Node = &bvh.nodes[index];
-        let first = node.first_index as usize;
-        if !done {
-            ranges[index].start = ids.len() as u32;
-            if node.is_leaf() {
-                for &entry in &bvh.primitive_indices[first..first + node.prim_count as usize] {
-                    ids.extend_from_slice(entries.triangles(entry));
-                }
-            } else {
-                stack.extend([(index, true), (first + 1, false), (first, false)]);
-            }
+        let nothing = |_| false;
+        let segments: Vec<[DVec3; 2]> = (0..20_000)
+            .map(|index| {
+                // Eight at a time run alike.
+                let towards = 1.5 * point(4, index / 8) + 0.1 * point(5, index);
+                [1.5 * point(3, index / 8), towards]
+            })
+            .collect();
+        let mut hidden = Vec::new();
+        tree.occluded_each(&segments, &nothing, &mut hidden);
+        for (index, &[from, to]) in segments.iter().enumerate() {
+            let want = brute.occluded(from, to, &nothing);
+            assert_eq!(tree.occluded(from, to, &nothing), want, "segment {index}");
+            assert_eq!(hidden[index], want, "segment {index} among others");
+            let direction = (to - from).normalize();
+            assert_eq!(
+                tree.closest(from, direction, 3.0, &nothing),
+                brute.closest(from, direction, 3.0, &nothing),
+                "ray {index}"
+            );
         }
-        ranges[index].end = ids.len() as u32;
-    }
-    (ranges, ids)
-}
-
-/// Leaf entries: distinct boxes and, for each, the triangles that have it.
-struct Entries {
-    boxes: Vec<obvhs::aabb::Aabb>,
-    /// Where the triangles of each box begin in `ids`; one more than boxes.
-    starts: Vec<usize>,
-    ids: Vec<u32>,
-}
-
-impl Entries {
-    /// Groups `ids` by equal boxes, each group ascending.
-    fn of(ids: &[u32], bounds: impl Fn(u32) -> obvhs::aabb::Aabb) -> Self {
-        let key = |id: u32| {
-            let bounds = bounds(id);
-            [bounds.min.to_array(), bounds.max.to_array()].map(|corner| corner.map(f32::to_bits))
-        };
-        let mut keyed: Vec<_> = ids.iter().map(|&id| (key(id), id)).collect();
-        keyed.sort_unstable();
-        let mut entries = Self {
-            boxes: Vec::new(),
-            starts: Vec::new(),
-            ids: keyed.iter().map(|&(_, id)| id).collect(),
-        };
-        for (index, (key, id)) in keyed.iter().enumerate() {
-            if index == 0 || *key != keyed[index - 1].0 {
-                entries.boxes.push(bounds(*id));
-                entries.starts.push(index);
-            }
-        }
-        entries.starts.push(keyed.len());
-        entries
-    }
-
-    fn triangles(&self, entry: u32) -> &[u32] {
-        let entry = entry as usize;
-        &self.ids[self.starts[entry]..self.starts[entry + 1]]
+        let share = hidden.iter().filter(|&&hidden| hidden).count();
+        assert!((5_000..15_000).contains(&share), "{share} hidden");
     }
 }
