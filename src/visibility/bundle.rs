@@ -8,12 +8,13 @@
 
 use glam::DVec3;
 
+use super::boxes::Boxes;
 use super::filter::{Filter, Verdict};
 use super::frame::{FAR, Frame, PADDING};
 use super::lanes::{LANES, Lanes, Row};
 use super::ray::{ORDER, SHALLOW, SMALLEST_COMPONENT};
 use super::triangle::ROUNDING;
-use super::wide::{Node, PACKET, Packet, Tree};
+use super::wide::{PACKET, Packet, Tree};
 
 /// One `f64` for each lane.
 type Doubles = [f64; LANES];
@@ -25,9 +26,9 @@ pub(super) struct Bundle {
     to: [Doubles; 3],
     /// The largest of them.
     extent: Doubles,
-    start: [Row; 3],
-    inverse: [Row; 3],
-    length: Row,
+    pub(super) start: [Row; 3],
+    pub(super) inverse: [Row; 3],
+    pub(super) length: Row,
     /// Axis along which all are longest, and the two others.
     axes: [usize; 3],
     shear: [Row; 2],
@@ -39,19 +40,11 @@ pub(super) struct Bundle {
     pub(super) together: u32,
 }
 
-/// Segments, one bit each, whose ends lie on different sides of a triangle's plane.
-pub(super) struct Sides {
-    /// Perhaps: no others do.
-    pub(super) straddling: u32,
-    /// Certainly: by twice what the exact test takes for rounding, with distances no smaller than its own.
-    pub(super) divided: u32,
-}
-
 impl Bundle {
     /// `segments` that are all longest along `axis`. Those that start far outside the scene or have next to no length are not among
     /// those that go together.
     #[inline(always)]
-    pub(super) fn new(frame: &Frame, segments: &[[DVec3; 2]; LANES], axis: usize) -> Self {
+    pub(super) fn new(segments: &[[DVec3; 2]; LANES], axis: usize) -> Self {
         let mut bundle = Self {
             from: [[0.0; LANES]; 3],
             to: [[0.0; LANES]; 3],
@@ -71,19 +64,28 @@ impl Bundle {
                 bundle.to[axis][lane] = to[axis];
             }
         }
-        let fits = bundle.place(frame);
-        bundle.together = bits(&fits);
-        for (length, fits) in bundle.length.iter_mut().zip(fits) {
-            // Those left out must not stretch the others' hull, nor be no number.
-            *length = if fits { *length } else { 0.0 };
-        }
-        bundle.shear();
         bundle
     }
 
-    /// Sets what one ray has in [`Frame::segment`]. Returns for which this holds.
+    /// Moves the segments to `frame`.
     #[inline(always)]
-    fn place(&mut self, frame: &Frame) -> [bool; LANES] {
+    pub(super) fn place(&mut self, frame: &Frame) {
+        let fits = self.enter(frame);
+        self.together = bits(&fits);
+        for (length, fits) in self.length.iter_mut().zip(fits) {
+            // Those left out must not stretch the others' hull, nor be no number.
+            *length = if fits { *length } else { 0.0 };
+        }
+        self.shear();
+    }
+
+    /// Sets what one ray has in [`Frame::segment`]. Returns for which this holds.
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "one index runs through several arrays"
+    )]
+    #[inline(always)]
+    fn enter(&mut self, frame: &Frame) -> [bool; LANES] {
         let mut fits = [true; LANES];
         let mut square = [0.0f32; LANES];
         let mut direction = [[0.0f32; LANES]; 3];
@@ -131,41 +133,48 @@ impl Bundle {
         }
     }
 
-    /// On which sides of `triangle` the ends of the segments lie, within the bounds of `triangle::straddles` and `triangle::divides`.
+    /// Segments whose ends perhaps lie on different sides of `triangle` (no others do), as `triangle::straddles` tells.
     #[inline(always)]
-    pub(super) fn sides(&self, triangle: &[DVec3; 3]) -> Sides {
+    pub(super) fn straddling(&self, triangle: &[DVec3; 3]) -> u32 {
+        let [a, b, c] = *triangle;
+        let n = (b - a).cross(c - a);
+        let small = 0.25 * ROUNDING * ROUNDING * n.length_squared();
+        let mut straddling = [false; LANES];
+        for lane in 0..LANES {
+            let height = |p: &[Doubles; 3]| {
+                n.x * (p[0][lane] - a.x) + n.y * (p[1][lane] - a.y) + n.z * (p[2][lane] - a.z)
+            };
+            let (start, end) = (height(&self.from), height(&self.to));
+            let least = small * (self.extent[lane] * self.extent[lane]);
+            straddling[lane] =
+                ((start > 0.0) != (end > 0.0)) & (start * start >= least) & (end * end >= least);
+        }
+        bits(&straddling)
+    }
+
+    /// Those among them whose ends certainly do: by twice what `triangle::divides` takes for rounding, with distances no smaller than
+    /// its own.
+    #[inline(always)]
+    pub(super) fn divided(&self, triangle: &[DVec3; 3]) -> u32 {
         let [a, b, c] = *triangle;
         let (ab, ac) = (b - a, c - a);
         let n = ab.cross(ac);
-        let square = n.length_squared();
-        let small = 0.25 * ROUNDING * ROUNDING * square;
-        let area = square.sqrt();
+        let area = n.length();
         let spread = (ab.length_squared() * ac.length_squared()).sqrt();
         let extent = a.abs().max(b.abs()).max(c.abs()).max_element();
-        let mut straddling = [false; LANES];
         let mut divided = [false; LANES];
         for lane in 0..LANES {
-            let height = |p: &[Doubles; 3]| {
-                let (x, y, z) = (p[0][lane] - a.x, p[1][lane] - a.y, p[2][lane] - a.z);
-                (n.x * x + n.y * y + n.z * z, x.abs() + y.abs() + z.abs())
-            };
-            let (start, end) = (height(&self.from), height(&self.to));
             let far = self.extent[lane];
-            let tolerance = |distance: f64| {
-                2.0 * ROUNDING * (spread * distance + extent.max(far) * area)
+            let far = if far > extent { far } else { extent };
+            let clear = |p: &[Doubles; 3]| {
+                let (x, y, z) = (p[0][lane] - a.x, p[1][lane] - a.y, p[2][lane] - a.z);
+                let distance = x.abs() + y.abs() + z.abs();
+                let height = n.x * x + n.y * y + n.z * z;
+                height.abs() > 2.0 * ROUNDING * (spread * distance + far * area)
             };
-            let least = small * (far * far);
-            let different = (start.0 > 0.0) != (end.0 > 0.0);
-            straddling[lane] =
-                different & (start.0 * start.0 >= least) & (end.0 * end.0 >= least);
-            divided[lane] = different
-                & (start.0.abs() > tolerance(start.1))
-                & (end.0.abs() > tolerance(end.1));
+            divided[lane] = clear(&self.from) & clear(&self.to);
         }
-        Sides {
-            straddling: bits(&straddling),
-            divided: bits(&divided),
-        }
+        bits(&divided)
     }
 }
 
@@ -283,155 +292,7 @@ fn stopped<L: Lanes>(
 #[inline(always)]
 fn nonzero_bytes(bytes: u64) -> u32 {
     const LOW: u64 = 0x7f7f_7f7f_7f7f_7f7f;
-    let high = ((bytes & LOW) + LOW | bytes) >> 7 & 0x0101_0101_0101_0101;
+    let high = (((bytes & LOW) + LOW) | bytes) >> 7 & 0x0101_0101_0101_0101;
     // Moves bit 8 i to 56 + i, without carries.
     (high.wrapping_mul(0x0102_0408_1020_4080) >> 56) as u32
-}
-
-/// Segments, ready for boxes.
-struct Boxes<L: Lanes> {
-    inverse: [L::Floats; 3],
-    /// Where the segments start, times `inverse`.
-    start: [L::Floats; 3],
-    far: L::Floats,
-    hull: Hull<L>,
-}
-
-impl<L: Lanes> Boxes<L> {
-    #[inline(always)]
-    fn new(lanes: L, bundle: &Bundle) -> Self {
-        let [x, y, z] = &bundle.inverse;
-        let inverse = [lanes.load(x), lanes.load(y), lanes.load(z)];
-        let [x, y, z] = &bundle.start;
-        Self {
-            inverse,
-            start: [
-                lanes.mul(lanes.load(x), inverse[0]),
-                lanes.mul(lanes.load(y), inverse[1]),
-                lanes.mul(lanes.load(z), inverse[2]),
-            ],
-            far: lanes.load(&bundle.length),
-            hull: Hull::new(lanes, bundle),
-        }
-    }
-
-    /// The `active` segments that touch each child, a byte each.
-    #[inline(always)]
-    fn test(&self, lanes: L, node: &Node, active: u32) -> u64 {
-        let mut children = self.hull.test(lanes, node);
-        let mut touching = 0;
-        while children != 0 {
-            let child = children.trailing_zeros() as usize;
-            children &= children - 1;
-            let x = self.within(lanes, node, 0, child);
-            let y = self.within(lanes, node, 1, child);
-            let z = self.within(lanes, node, 2, child);
-            let enters = lanes.max(lanes.max(x.0, y.0), lanes.max(z.0, lanes.splat(0.0)));
-            let leaves = lanes.min(lanes.min(x.1, y.1), lanes.min(z.1, self.far));
-            touching |= u64::from(lanes.less(enters, leaves) & active) << (8 * child);
-        }
-        touching & node.present
-    }
-
-    /// Where the segments enter and leave the space between two planes of a child.
-    #[inline(always)]
-    fn within(&self, lanes: L, node: &Node, axis: usize, child: usize) -> (L::Floats, L::Floats) {
-        let meets = |plane: usize| {
-            lanes.mul_sub(
-                lanes.splat(node.planes[plane][child]),
-                self.inverse[axis],
-                self.start[axis],
-            )
-        };
-        let (a, b) = (meets(axis), meets(axis + 3));
-        (lanes.min(a, b), lanes.max(a, b))
-    }
-}
-
-/// All segments as one, by the ranges of their starts and directions: touches whatever one of them touches.
-///
-/// The rounding of a difference and a product is no more than that of one segment in `Boxes::within`, for which boxes are padded.
-struct Hull<L: Lanes> {
-    sides: [Option<Side<L>>; 3],
-    far: L::Floats,
-}
-
-/// What [`Hull`] knows of an axis along which all segments run the same way.
-#[derive(Clone, Copy)]
-struct Side<L: Lanes> {
-    /// Which plane of a node is met first, and from where the last segment starts.
-    near: (usize, L::Floats),
-    /// Which is met last, and from where the first starts.
-    far: (usize, L::Floats),
-    inverse: [L::Floats; 2],
-}
-
-impl<L: Lanes> Hull<L> {
-    #[inline(always)]
-    fn new(lanes: L, bundle: &Bundle) -> Self {
-        let (_, far) = range(&bundle.length);
-        Self {
-            sides: [
-                Side::new(lanes, bundle, 0),
-                Side::new(lanes, bundle, 1),
-                Side::new(lanes, bundle, 2),
-            ],
-            far: lanes.splat(far),
-        }
-    }
-
-    /// Children that some segment may touch.
-    #[inline(always)]
-    fn test(&self, lanes: L, node: &Node) -> u32 {
-        let mut enters = lanes.splat(0.0);
-        let mut leaves = self.far;
-        for side in self.sides.iter().flatten() {
-            let [least, most] = side.inverse;
-            let (plane, start) = side.near;
-            let offset = lanes.sub(lanes.load(&node.planes[plane]), start);
-            let meets = lanes.min(lanes.mul(offset, least), lanes.mul(offset, most));
-            enters = lanes.max(enters, meets);
-            let (plane, start) = side.far;
-            let offset = lanes.sub(lanes.load(&node.planes[plane]), start);
-            let meets = lanes.max(lanes.mul(offset, least), lanes.mul(offset, most));
-            leaves = lanes.min(leaves, meets);
-        }
-        lanes.less(enters, leaves)
-    }
-}
-
-impl<L: Lanes> Side<L> {
-    #[inline(always)]
-    fn new(lanes: L, bundle: &Bundle, axis: usize) -> Option<Self> {
-        let (least, most) = range(&bundle.inverse[axis]);
-        let (first, last) = range(&bundle.start[axis]);
-        let inverse = [lanes.splat(least), lanes.splat(most)];
-        let (first, last) = (lanes.splat(first), lanes.splat(last));
-        if least > 0.0 {
-            Some(Self {
-                near: (axis, last),
-                far: (axis + 3, first),
-                inverse,
-            })
-        } else if most < 0.0 {
-            Some(Self {
-                near: (axis + 3, first),
-                far: (axis, last),
-                inverse,
-            })
-        } else {
-            None
-        }
-    }
-}
-
-/// Smallest and largest.
-#[inline(always)]
-fn range(row: &Row) -> (f32, f32) {
-    let (mut least, mut most) = (row[0], row[0]);
-    for &value in row {
-        least = if value < least { value } else { least };
-        most = if value > most { value } else { most };
-    }
-    (least, most)
 }

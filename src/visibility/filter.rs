@@ -190,11 +190,8 @@ impl<L: Lanes> Filter<L> {
             lanes.sub(zero, crossed),
             lanes.neg_mul_add(end, area, crossed),
         );
-        let plane_doubt = lanes.mul_add(
-            seen.doubt,
-            lanes.splat(PLANE_DOUBT),
-            lanes.mul(area, slack),
-        );
+        let plane_doubt =
+            lanes.mul_add(seen.doubt, lanes.splat(PLANE_DOUBT), lanes.mul(area, slack));
         lanes.less(slack, outside)
             | lanes.less(plane_doubt, outside_by_plane)
                 & lanes.less(lanes.mul(seen.doubt, lanes.splat(4.0)), area)

@@ -6,8 +6,8 @@
 
 use glam::{DVec3, Vec3};
 
-use super::triangle::Line;
 use super::ray::Ray;
+use super::triangle::Line;
 use crate::math::Aabb;
 
 /// How much larger than its triangles a box is, in units of half the scene.
@@ -144,4 +144,3 @@ impl Walk {
         (distance - self.skipped + PADDING) as f32
     }
 }
-

@@ -6,6 +6,7 @@
 //! A segment is hidden by a triangle when the triangle lies between its end points and they are on different sides of the triangle's
 //! plane, by more than rounding. Nothing else keeps a surface from hiding itself: there is no offset along the ray.
 
+mod boxes;
 mod brute;
 mod bundle;
 mod bvh;
@@ -15,6 +16,7 @@ mod filter;
 mod frame;
 mod lanes;
 mod outline;
+mod query;
 mod ray;
 mod shaft;
 mod surface;

@@ -42,12 +42,7 @@ pub(super) struct Ray {
 impl Ray {
     /// A ray from `origin`, within 2 of the centre, along a unit direction; `axes` and `shear` as for the exact test.
     #[inline(always)]
-    pub(super) fn new(
-        origin: Vec3,
-        direction: Vec3,
-        axes: [usize; 3],
-        shear: [f64; 2],
-    ) -> Self {
+    pub(super) fn new(origin: Vec3, direction: Vec3, axes: [usize; 3], shear: [f64; 2]) -> Self {
         let inverse = direction.to_array().map(|component| {
             if component.abs() < SMALLEST_COMPONENT {
                 1.0 / SMALLEST_COMPONENT.copysign(component)
@@ -71,12 +66,7 @@ impl Ray {
 
     #[inline(always)]
     fn filter<L: Lanes>(&self, lanes: L) -> Filter<L> {
-        Filter::one(
-            lanes,
-            self.origin,
-            (self.axes, self.shear),
-            self.along,
-        )
+        Filter::one(lanes, self.origin, (self.axes, self.shear), self.along)
     }
 }
 
