@@ -92,7 +92,10 @@ fn assert_shares(panes: &[(Material, f64)], want: DVec3) {
 fn a_red_pane_tints() {
     assert_shares(&[(glass(RED, 0.5), 2.0)], DVec3::new(0.5, 0.125, 0.0));
     // Seen from either side, and from any height.
-    assert_shares(&[(glass(RED, 0.0625), 4.9)], DVec3::new(0.9375, 0.234_375, 0.0));
+    assert_shares(
+        &[(glass(RED, 0.0625), 4.9)],
+        DVec3::new(0.9375, 0.234_375, 0.0),
+    );
 }
 
 #[test]
@@ -135,7 +138,11 @@ fn light_ends_behind_eight_layers() {
 
 #[test]
 fn half_a_pane_tints_half_of_a_lamp() {
-    let half = quad(DVec3::new(-50.0, 2.5, -50.0), 50.0 * DVec3::X, 100.0 * DVec3::Z);
+    let half = quad(
+        DVec3::new(-50.0, 2.5, -50.0),
+        50.0 * DVec3::X,
+        100.0 * DVec3::Z,
+    );
     let lamp = (support::emitter(7.0), square(1.0, 5.0));
     let scene = scene_of(&[(glass(RED, 0.5), half), lamp.clone()]);
     let lights = lights::collect(&scene, &lights::Options::default());

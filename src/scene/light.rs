@@ -183,10 +183,7 @@ pub(super) fn collect_areas(
 }
 
 /// Half width and half height of an area light; else what is wrong with it.
-fn area(
-    light: &Area,
-    world: &DAffine3,
-) -> std::result::Result<(DVec3, DVec3), &'static str> {
+fn area(light: &Area, world: &DAffine3) -> std::result::Result<(DVec3, DVec3), &'static str> {
     let radiance = DVec3::from_array(light.color) * light.intensity;
     if light.intensity < 0.0 || light.color.iter().any(|channel| *channel < 0.0) {
         return Err("intensity or colour is negative");

@@ -50,6 +50,8 @@ pub struct Occluders<'a> {
     /// Index in [`Scene::triangles`] for each of `vertices`.
     pub(super) ids: Vec<u32>,
     edges: OnceLock<Edges>,
+    /// What light passes through; they are not among the others.
+    panes: Option<Box<Self>>,
 }
 
 /// `Bvh2` with a `Debug` that does not print a million nodes.
@@ -62,10 +64,18 @@ impl std::fmt::Debug for Tree {
 }
 
 impl<'a> Occluders<'a> {
-    /// Builds the hierarchy over everything in `scene` that is not blended. The same scene gives the same tree on any number of threads.
+    /// Builds the hierarchies over everything in `scene` that stops light and over everything that tints it. The same scene gives the same
+    /// trees on any number of threads.
     #[must_use]
     pub fn build(scene: &'a Scene) -> Self {
-        let mut occluding = surface::occluding(scene);
+        let (occluding, panes) = surface::occluding(scene);
+        let mut occluders = Self::over(scene, occluding);
+        occluders.panes = (!panes.is_empty()).then(|| Box::new(Self::over(scene, panes)));
+        occluders
+    }
+
+    /// The hierarchy over the triangles `occluding`.
+    fn over(scene: &'a Scene, mut occluding: Vec<u32>) -> Self {
         let vertices_of = |id: u32| scene.triangles[id as usize].vertices;
         let bounds = Aabb::from_points(occluding.iter().flat_map(|&id| vertices_of(id)));
         let frame = Frame::new(&bounds);
@@ -95,6 +105,7 @@ impl<'a> Occluders<'a> {
             scene,
             masked,
             edges: OnceLock::new(),
+            panes: None,
             frame,
             bvh: Tree(bvh),
             ranges,
@@ -103,6 +114,15 @@ impl<'a> Occluders<'a> {
             vertices,
             ids,
         }
+    }
+
+    /// What light passes through and is tinted by.
+    pub(super) fn panes(&self) -> Option<&Self> {
+        self.panes.as_deref()
+    }
+
+    pub(super) fn scene(&self) -> &'a Scene {
+        self.scene
     }
 
     /// Whether alpha decides where `triangle` (an index in `Scene::triangles`) stops light.
@@ -157,7 +177,7 @@ impl<'a> Occluders<'a> {
 
     /// Whether the triangle stops light where it is crossed.
     pub(super) fn stops(&self, id: u32, crossing: &Crossing) -> bool {
-        !self.masked || surface::stops(self.scene, id, crossing)
+        !self.masked || surface::is_there(self.scene, id, crossing)
     }
 }
 

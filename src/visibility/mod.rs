@@ -16,6 +16,7 @@ mod filter;
 mod frame;
 mod lanes;
 mod outline;
+mod panes;
 mod query;
 mod ray;
 mod shaft;
@@ -28,6 +29,7 @@ use glam::DVec3;
 pub use self::brute::BruteForce;
 pub use self::bvh::Occluders;
 pub use self::edges::Edges;
+pub use self::panes::MAX_LAYERS;
 pub use self::shaft::Shaft;
 
 /// The nearest surface along a ray.
@@ -41,7 +43,8 @@ pub struct Hit {
     pub front: bool,
 }
 
-/// Answers about the opaque part of a scene. Masked surfaces count where their alpha reaches the cutoff, blended ones do not count.
+/// Answers about the opaque part of a scene. Masked surfaces count where their alpha reaches the cutoff, what lets
+/// light through does not count: [`Occluders::transmittance`] is about that.
 pub trait Visibility: Sync {
     /// Whether anything stands strictly between `from` and `to` (world metres), triangles accepted by `ignore` excepted.
     ///
