@@ -102,11 +102,16 @@ impl Default for Total {
 impl Total {
     /// Adds what is seen of a light of this strength.
     pub(super) fn add(&mut self, part: &Part, strength: DVec3) {
+        self.add_tinted(part, strength, DVec3::ONE);
+    }
+
+    /// Adds a share, per channel, of what is seen of a light of this strength; its errors are those of the whole.
+    pub(super) fn add_tinted(&mut self, part: &Part, strength: DVec3, share: DVec3) {
         let sums = &part.sums;
         let sample = &mut self.sample;
         sample.rays += part.rays;
         for channel in 0..3 {
-            let strength = strength[channel];
+            let strength = strength[channel] * share[channel];
             sample.g[channel] += sums.g * strength;
             sample.phi[channel] += sums.phi * strength;
             if sums.has_gradient {

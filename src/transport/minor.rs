@@ -128,16 +128,19 @@ struct Minor<'s, 'a> {
     surface: Option<Surface<'a>>,
     /// Whether nothing can stand between it and the tile.
     open: bool,
+    /// Whether glass may.
+    tinted: bool,
     history: History,
 }
 
 /// What is known of one minor light at one receiver.
 #[derive(Clone, Copy)]
 enum Answer {
-    Seen(bool),
+    /// What of it is seen, per channel.
+    Seen(DVec3),
     /// Drawn with this probability, when the light was expected to be seen so often.
     Drawn {
-        seen: bool,
+        seen: DVec3,
         expected: f64,
         probability: f64,
     },
@@ -204,6 +207,7 @@ pub(super) fn add(
             light: light as u64,
             surface: None,
             open: false,
+            tinted: false,
             history: History::default(),
         })
         .collect();
@@ -251,9 +255,10 @@ impl Tests<'_, '_> {
                     .iter()
                     .any(|minor| minor.source.own_triangles().binary_search(&id).is_ok())
             };
-            let open = self.occluders.in_shaft(&shaft, &own).is_empty();
+            let tinted = self.occluders.has_pane_in(&shaft, &own);
+            let open = !tinted && self.occluders.in_shaft(&shaft, &own).is_empty();
             for minor in &mut *group {
-                minor.open = open;
+                (minor.open, minor.tinted) = (open, tinted);
             }
             self.groups.push(Group {
                 flock: if open { Flock::of(group) } else { None },
@@ -297,7 +302,7 @@ impl Tests<'_, '_> {
                 }
                 if group.open {
                     known += potential;
-                    answers.push((index, Answer::Seen(true)));
+                    answers.push((index, Answer::Seen(DVec3::ONE)));
                 } else {
                     hidden.push((potential, index));
                 }
@@ -338,7 +343,7 @@ impl Tests<'_, '_> {
                 continue;
             }
             let seen = self.ask(place, index, counters);
-            known += if seen { potential } else { 0.0 };
+            known += potential * seen.max_element();
             answers.push((index, Answer::Seen(seen)));
         }
     }
@@ -391,17 +396,17 @@ impl Tests<'_, '_> {
     }
 
     /// Tests a light, and remembers.
-    fn ask(&mut self, place: usize, index: usize, counters: &mut Counters) -> bool {
+    fn ask(&mut self, place: usize, index: usize, counters: &mut Counters) -> DVec3 {
         counters.shadow_rays += 1;
         let seen = self.sees(place, index);
         let history = &mut self.minors[index].history;
         history.tested += 1.0;
-        history.seen += f64::from(u8::from(seen));
+        history.seen += mean(seen);
         seen
     }
 
     /// A ray to a random place of the light.
-    fn sees(&mut self, place: usize, index: usize) -> bool {
+    fn sees(&mut self, place: usize, index: usize) -> DVec3 {
         let receiver = &self.tile[place];
         let minor = &mut self.minors[index];
         let target = if minor.source.is_hard() {
@@ -419,7 +424,14 @@ impl Tests<'_, '_> {
         };
         let own = minor.source.own_triangles();
         let ignore = |id: u32| own.binary_search(&id).is_ok();
-        !self.occluders.occluded(receiver.position, target, &ignore)
+        if self.occluders.occluded(receiver.position, target, &ignore) {
+            DVec3::ZERO
+        } else if minor.tinted {
+            let from = receiver.position;
+            self.occluders.transmittance(from, target, &ignore)
+        } else {
+            DVec3::ONE
+        }
     }
 
     /// How likely a light is seen where nobody looked, and how sure that is.
@@ -447,7 +459,7 @@ impl Tests<'_, '_> {
             if let Answer::Seen(is_seen) = answer
                 && !self.minors[index].open
             {
-                seen += f64::from(u8::from(is_seen));
+                seen += mean(is_seen);
                 expected += self.likelihood(index, everybody);
             }
         }
@@ -460,43 +472,40 @@ impl Tests<'_, '_> {
             };
             let irradiance = sums.g.dot(receiver.normal).max(0.0);
             let (weight, deviation, bound) = match answer {
-                Answer::Seen(is_seen) => {
-                    let weight = f64::from(u8::from(is_seen));
+                Answer::Seen(seen) => {
                     let deviation = if minor.open || minor.source.is_hard() {
                         0.0
                     } else {
                         minor.history.deviation()
                     };
-                    (weight, deviation, 0.0)
+                    (seen, deviation, 0.0)
                 }
                 Answer::Drawn {
                     seen,
                     expected,
                     probability,
                 } => {
-                    let surprise = (f64::from(u8::from(seen)) - expected) / probability;
-                    let deviation = surprise.abs() * (1.0 - probability).sqrt();
-                    (expected + surprise, deviation, 0.0)
+                    let surprise = (seen - expected) / probability;
+                    let deviation = surprise.abs().max_element() * (1.0 - probability).sqrt();
+                    (surprise + expected, deviation, 0.0)
                 }
                 Answer::Expected(expected) => {
                     counters.lights_untested += 1;
-                    (expected, 0.0, 0.0)
+                    (DVec3::splat(expected), 0.0, 0.0)
                 }
                 Answer::Unknown => {
                     counters.lights_untested += 1;
                     let likelihood = self.likelihood(index, everybody);
                     let weight = (likelihood * fortune).min(1.0);
-                    (weight, 0.0, weight.max(1.0 - weight))
+                    (DVec3::splat(weight), 0.0, weight.max(1.0 - weight))
                 }
             };
-            total.add(
-                &Part {
-                    sums: sums.times(weight),
-                    error: irradiance * deviation * SIGMAS,
-                    rays: u32::from(answer.is_tested() && !minor.open),
-                },
-                minor.source.strength,
-            );
+            let part = Part {
+                sums: sums.without_gradient(),
+                error: irradiance * deviation * SIGMAS,
+                rays: u32::from(answer.is_tested() && !minor.open),
+            };
+            total.add_tinted(&part, minor.source.strength, weight);
             total.widen(irradiance * bound * minor.source.strength.max_element());
         }
     }
@@ -568,13 +577,7 @@ impl History {
     }
 }
 
-impl Sums {
-    /// A share of the light, without derivatives.
-    fn times(self, share: f64) -> Self {
-        Self {
-            g: self.g * share,
-            phi: self.phi * share,
-            ..self.without_gradient()
-        }
-    }
+/// Of the channels.
+fn mean(share: DVec3) -> f64 {
+    share.element_sum() / 3.0
 }
