@@ -133,6 +133,11 @@ impl Bundle {
         }
     }
 
+    #[inline(always)]
+    fn filter<L: Lanes>(&self, lanes: L) -> Filter<L> {
+        Filter::eight(lanes, &self.start, (self.axes, &self.shear), &self.along)
+    }
+
     /// Segments whose ends perhaps lie on different sides of `triangle` (no others do), as `triangle::straddles` tells.
     #[inline(always)]
     pub(super) fn straddling(&self, triangle: &[DVec3; 3]) -> u32 {
@@ -210,12 +215,7 @@ impl Tree {
             &mut deep
         };
         let boxes = Boxes::new(lanes, bundle);
-        let filter = Filter::eight(
-            lanes,
-            &bundle.start,
-            (bundle.axes, &bundle.shear),
-            &bundle.along,
-        );
+        let filter = bundle.filter(lanes);
         let order = &ORDER[bundle.octant];
         let octant = bundle.octant as u32;
         let mut left = bundle.together;

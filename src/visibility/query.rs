@@ -282,10 +282,8 @@ mod tests {
     fn machines_without_wide_registers_answer_as_brute_force() {
         let scene = soup(300);
         let brute = BruteForce::build(&scene);
-        let tree = Occluders {
-            machine: Machine::Any,
-            ..Occluders::build(&scene)
-        };
+        let mut tree = Occluders::build(&scene);
+        tree.machine = Machine::Any;
         let nothing = |_| false;
         let segments: Vec<[DVec3; 2]> = (0..20_000)
             .map(|index| {
