@@ -29,6 +29,14 @@ fn main() {
         .skip(1)
         .filter(|argument| !argument.starts_with('-'))
         .collect();
+    if std::env::args().any(|a| a == "--only-exact") {
+        for (name, n, half) in SCENES {
+            if asked.iter().any(|f| f == name) {
+                only(name, n.min(128), half);
+            }
+        }
+        return;
+    }
     for (name, n, half) in SCENES {
         if asked.is_empty() || asked.iter().any(|fixture| fixture == name) {
             compare(name, n, half);
@@ -64,6 +72,50 @@ fn tiles(n: usize, half: f64) -> Vec<Vec<Receiver>> {
         }
     }
     tiles
+}
+
+fn only(name: &str, n: usize, half: f64) {
+    let path = format!("{}/fixtures/{name}/{name}.gltf", env!("CARGO_MANIFEST_DIR"));
+    let scene = Scene::open(path.as_ref(), &scene::Options::default()).expect("a fixture");
+    let lights = lights::collect(&scene, &lights::Options::default());
+    let occluders = Occluders::build(&scene);
+    let _ = occluders.edges();
+    let mut sum = 0.0;
+    let mut np = 0;
+    let options = Options {
+        estimator: Estimator::Exact,
+        ..Options::default()
+    };
+    let mut total = Counters::default();
+    let active: Vec<_> = tiles(n, half)
+        .into_iter()
+        .filter(|tile| {
+            let o = Options {
+                estimator: Estimator::Sampled,
+                samples: 1,
+                ..Options::default()
+            };
+            transport::gather(tile, &lights, &occluders, &o)
+                .1
+                .pairs_sampled
+                > 0
+        })
+        .collect();
+    for tile in active {
+        let (samples, counters) = transport::gather(&tile, &lights, &occluders, &options);
+        sum += samples
+            .iter()
+            .map(|s| s.phi[0] + s.j[0].col(0).x + s.error)
+            .sum::<f64>();
+        if counters.pairs_exact > 0 {
+            np += tile.len();
+        }
+        total.add(&counters);
+    }
+    println!(
+        "{name} {np} points, checksum {sum:.15e} edges/pair {}",
+        total.edges as f64 / total.pairs_exact as f64
+    );
 }
 
 struct Run {

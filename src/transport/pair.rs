@@ -38,6 +38,7 @@ pub(super) struct Part {
 pub(super) struct Scratch {
     borders: Vec<Piece>,
     visible: Vec<Piece>,
+    exact: exact::Scratch,
     vedel: vedel::Scratch,
     /// Evaluations that were to be traced and were clipped instead.
     pub(super) fallbacks: u64,
@@ -198,7 +199,10 @@ impl<'a> Pair<'a> {
         scratch: &mut Scratch,
     ) -> Option<Part> {
         let Scratch {
-            borders, visible, ..
+            borders,
+            visible,
+            exact: scratch,
+            ..
         } = scratch;
         if !self.source.outline(receiver, receiver.position, borders) {
             return None;
@@ -210,7 +214,8 @@ impl<'a> Pair<'a> {
             back
         };
         visible.clear();
-        let shift = exact::visible_contour(receiver.position, borders, away, outline, visible);
+        let position = receiver.position;
+        let shift = exact::visible_contour(position, borders, away, outline, scratch, visible);
         let mut sums = self.sum(visible, receiver);
         sums.rounding += exact::rounding(visible, shift);
         Some(Part {

@@ -337,7 +337,6 @@ impl<'a> Tracer<'a> {
                 let along = (q - p).normalize_or_zero();
                 Segment {
                     inside: Inside {
-                        chain: index,
                         ends: [borders[index].b, borders[index].a],
                         depths: [1.0; 2],
                         places: [p, q],
@@ -656,7 +655,7 @@ impl<'a> Tracer<'a> {
         let images = ends.map(|end| self.frame.project(end));
         let range = exact::depth_range(images[0].z, images[1].z)?;
         let chain = Chain::new(ends, images, range, vertices, 1)?;
-        let inside = exact::clip_to_rectangle(self.segments.len(), &chain, self.low, self.high)?;
+        let inside = chain.clipped(self.low, self.high)?;
         Some(Segment {
             inside,
             line: chain.line,
@@ -710,23 +709,10 @@ impl<'a> Tracer<'a> {
                 .all(|side| side.side(sample.place) < -1e-9)
         };
         self.samples.iter().filter(is_inner).all(|sample| {
-            let enclosed = winding(sample.place, pieces);
+            let enclosed = frame::turns_around(sample.place, pieces.iter().copied());
             enclosed == i32::from(sample.hit.is_none())
         })
     }
-}
-
-/// How often closed loops of pieces go round `place`.
-fn winding(place: DVec2, pieces: &[[DVec2; 2]]) -> i32 {
-    let mut winding = 0;
-    for &[p, q] in pieces {
-        let upwards = q.y > p.y;
-        let crosses = (p.y <= place.y) != (q.y <= place.y);
-        if crosses && ((q - p).perp_dot(place - p) > 0.0) == upwards {
-            winding += if upwards { 1 } else { -1 };
-        }
-    }
-    winding
 }
 
 /// Whether the segment from the origin to `target` meets a box.
