@@ -100,7 +100,7 @@ impl Outline {
         let farthest = light.dot(away);
         let (centre, half) = (receivers.centre(), 0.5 * (receivers.max - receivers.min));
         let mut outline = Self::default();
-        let mut uses = Vec::with_capacity(3 * candidates.len());
+        let mut facets = Vec::with_capacity(candidates.len());
         for &triangle in candidates {
             let corners =
                 edges.corners[triangle as usize].map(|corner| edges.vertices[corner as usize]);
@@ -112,13 +112,12 @@ impl Outline {
                 let depth = corner.dot(away);
                 depth < nearest + margin || depth > farthest - margin
             });
-            let is_open = is_crossing || !is_common;
-            uses.extend(facet.sides.iter().map(|side| Use {
-                edge: side.edge,
-                // A front is wound counter-clockwise as the receiver sees it, contours are clockwise.
-                coefficient: -facing * side.direction,
-                is_open,
-            }));
+            facets.push(Faced {
+                triangle,
+                sides: facet.sides,
+                facing,
+                is_open: is_crossing || !is_common,
+            });
             if !is_common {
                 outline.varying.push(Varying {
                     facet,
@@ -129,6 +128,20 @@ impl Outline {
                 outline.crossing.push(facet);
             }
         }
+        let uses = facets
+            .iter()
+            .flat_map(|faced| {
+                let sides = faced.sides.iter();
+                sides
+                    .filter(|side| !faced.is_cancelled(edges, &facets, side.edge))
+                    .map(|side| Use {
+                        edge: side.edge,
+                        // A front is wound counter-clockwise as the receiver sees it, contours are clockwise.
+                        coefficient: -faced.facing * side.direction,
+                        is_open: faced.is_open,
+                    })
+            })
+            .collect();
         outline.keep_silhouettes(edges, uses);
         outline
     }
@@ -167,6 +180,38 @@ impl Outline {
                 side.edge = index_of(&names, side.edge);
             }
         }
+    }
+}
+
+/// A candidate and its facing in the middle of the receivers.
+struct Faced {
+    triangle: u32,
+    sides: [Side; 3],
+    facing: i32,
+    /// Whether that may be otherwise for some receiver, or the triangle is cut.
+    is_open: bool,
+}
+
+impl Faced {
+    /// Whether what it says of an edge is surely undone by its only neighbour there. Most edges are such, so few need sorting.
+    fn is_cancelled(&self, edges: &Edges, all: &[Self], edge: u32) -> bool {
+        let mut around = edges.around_edge(edge).map(|(triangle, _)| triangle);
+        let (Some(a), Some(b), None) = (around.next(), around.next(), around.next()) else {
+            return false;
+        };
+        if self.is_open || a == b {
+            return false;
+        }
+        let other = if a == self.triangle { b } else { a };
+        let Ok(place) = all.binary_search_by_key(&other, |faced| faced.triangle) else {
+            return false;
+        };
+        let other = &all[place];
+        let direction = |faced: &Self| {
+            let sides = faced.sides.iter().filter(|side| side.edge == edge);
+            sides.map(|side| side.direction * faced.facing).sum::<i32>()
+        };
+        !other.is_open && direction(self) + direction(other) == 0
     }
 }
 

@@ -25,7 +25,7 @@ pub(super) use self::project::{Chain, Inside, depth_range};
 use self::project::{Eye, Projection};
 use self::sweep::{BorderSide, Boxed, Break, Strand, Sweep};
 pub(super) use self::sweep::{differ, zero_of};
-use self::winding::{Casts, Crosser, Joints};
+use self::winding::{Casts, Crosser, Joints, Strips};
 use super::contour::Piece;
 use super::frame::{self, Frame};
 use super::outline::Outline;
@@ -35,6 +35,7 @@ use super::outline::Outline;
 pub(super) struct Scratch {
     projection: Projection,
     crossers: Vec<Crosser>,
+    strips: Strips,
     strands: Vec<Strand>,
     boxes: Vec<Boxed>,
     border: Vec<BorderSide>,
@@ -74,6 +75,7 @@ pub(super) fn visible_contour(
     let Scratch {
         projection,
         crossers,
+        strips,
         strands,
         border,
         on_border,
@@ -85,6 +87,7 @@ pub(super) fn visible_contour(
     } = scratch;
     let casts = Casts {
         crossers,
+        strips,
         beside: &projection.beside,
         near,
     };
@@ -146,6 +149,7 @@ impl Scratch {
         let chain = &self.projection.chain;
         self.crossers.clear();
         self.crossers.extend(chain.iter().map(Crosser::new));
+        self.strips.fill(&self.crossers, eye.low, eye.high);
         self.strands.clear();
         let strands = chain.iter().enumerate();
         self.strands.extend(

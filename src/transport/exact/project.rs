@@ -249,30 +249,33 @@ impl Projection {
         }
     }
 
-    fn see(&mut self, eye: &Eye<'_>, outline: &Outline, vertex: u32) -> Seen {
+    fn see(&mut self, eye: &Eye<'_>, outline: &Outline, vertex: u32) -> &Seen {
         let seen = &mut self.seen[vertex as usize];
         if seen.beyond == UNKNOWN {
             *seen = eye.look(outline.vertices[vertex as usize]);
         }
-        *seen
+        seen
     }
 
     fn add(&mut self, eye: &Eye<'_>, outline: &Outline, ends: [u32; 2], coefficient: i32) {
-        let seen = ends.map(|end| {
+        let beyond = ends.map(|end| {
             self.degrees[end as usize] += 1;
-            self.see(eye, outline, end)
+            self.see(eye, outline, end).beyond
         });
-        let relative = seen.map(|end| end.relative);
-        let images = seen.map(|end| end.image);
-        if (seen[0].beyond | seen[1].beyond) & OUT_OF_DEPTH == 0 {
-            let beyond = seen.map(|end| end.beyond);
-            if self.may_reach_over(beyond, seen.map(|end| end.place), coefficient) {
-                let whole = [0.0, 1.0];
-                self.chain
-                    .extend(Chain::new(relative, images, whole, ends, coefficient));
+        let seen = ends.map(|end| &self.seen[end as usize]);
+        let edge = |range| {
+            let images = seen.map(|end| end.image);
+            let relative = seen.map(|end| end.relative);
+            Chain::new(relative, images, range, ends, coefficient)
+        };
+        if (beyond[0] | beyond[1]) & OUT_OF_DEPTH == 0 {
+            let places = seen.map(|end| end.place);
+            if may_reach_over(&mut self.beside, beyond, places, coefficient) {
+                self.chain.extend(edge([0.0, 1.0]));
             }
-        } else if let Some(range) = depth_range(images[0].z, images[1].z) {
-            self.add_cut(eye, Chain::new(relative, images, range, ends, coefficient));
+        } else if let Some(range) = depth_range(seen[0].image.z, seen[1].image.z) {
+            let edge = edge(range);
+            self.add_cut(eye, edge);
         }
     }
 
@@ -281,10 +284,6 @@ impl Projection {
             let beyond = edge.places.map(|place| eye.beyond(place));
             may_reach_over(&mut self.beside, beyond, edge.places, edge.coefficient)
         }));
-    }
-
-    fn may_reach_over(&mut self, beyond: [u8; 2], places: [DVec2; 2], coefficient: i32) -> bool {
-        may_reach_over(&mut self.beside, beyond, places, coefficient)
     }
 
     /// Adds the edge along which a triangle is cut by the plane of some depth; what lies on the side of the sign is kept.
@@ -299,7 +298,7 @@ impl Projection {
         let mut ends = [None; 2];
         for &Side { edge, direction } in &triangle.sides {
             // Always from the edge's first vertex, so that both neighbours get the same point.
-            let [a, b] = outline.edges[edge as usize].map(|end| self.see(eye, outline, end));
+            let [a, b] = outline.edges[edge as usize].map(|end| *self.see(eye, outline, end));
             let inside = [a, b].map(|vertex| sign * (vertex.image.z - depth));
             if (inside[0] < 0.0) == (inside[1] < 0.0) {
                 continue;

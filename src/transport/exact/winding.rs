@@ -1,6 +1,6 @@
 //! How many triangles cover the places beside an edge.
 //!
-//! A line cast to the right or upwards meets all edges that matter. That is done once per connected outline; from there coverings are
+//! A line cast to the right meets all edges that matter (where that would run along the edge, a line cast upwards). That is done once per connected outline; from there coverings are
 //! counted on along the edges and from edge to edge, except where rounding decides how edges lie.
 
 use glam::{DVec2, DVec3};
@@ -10,6 +10,16 @@ use super::sweep::{self, Break, Strand};
 
 /// Two edges within rounding of each other must also run within this angle (radians) to be the same line; beyond it they cross.
 const PARALLEL: f64 = 1e-6;
+
+/// Lines are cast to the right unless a direction runs along them as nearly as this (slope); then upwards. Larger would do without the
+/// strips more often, smaller would leave less between what runs along an edge and what crosses it.
+const FLAT: f64 = 1.0 / 64.0;
+
+/// Edges per strip, were they points. More makes queries dearer, fewer makes sorting into strips dearer.
+const PER_STRIP: usize = 16;
+
+/// Strips at most: with 64 a strip is narrower than most edges of a soup of a thousand.
+const MAX_STRIPS: usize = 64;
 
 /// A chain edge that cast lines may cross.
 #[derive(Clone, Copy, Debug)]
@@ -37,13 +47,83 @@ impl Crosser {
     }
 }
 
+/// Edges sorted into horizontal strips, so that lines to the right look at few of them. Memory that evaluations reuse.
+#[derive(Debug, Default)]
+pub(super) struct Strips {
+    low: f64,
+    per_unit: f64,
+    /// `items[starts[k]..starts[k + 1]]` are the edges of strip k, ascending.
+    starts: Vec<u32>,
+    items: Vec<u32>,
+}
+
+impl Strips {
+    /// For lines cast from within the rectangle `low..high`.
+    pub(super) fn fill(&mut self, crossers: &[Crosser], low: DVec2, high: DVec2) {
+        let n_strips = (crossers.len() / PER_STRIP).clamp(1, MAX_STRIPS);
+        self.low = low.y;
+        self.per_unit = n_strips as f64 / (high.y - low.y);
+        self.starts.clear();
+        self.starts.resize(n_strips + 1, 0);
+        let may_be_crossed = |edge: &Crosser| {
+            edge.low.y < edge.high.y
+                && edge.high.y >= low.y
+                && edge.low.y <= high.y
+                && edge.high.x >= low.x
+        };
+        for edge in crossers.iter().filter(|edge| may_be_crossed(edge)) {
+            for strip in self.strip(edge.low.y)..=self.strip(edge.high.y) {
+                self.starts[strip] += 1;
+            }
+        }
+        // Counts become ends; filling from behind turns ends into starts.
+        let mut end = 0;
+        for start in &mut self.starts {
+            end += *start;
+            *start = end;
+        }
+        self.items.resize(end as usize, 0);
+        for (index, edge) in crossers.iter().enumerate().rev() {
+            if may_be_crossed(edge) {
+                for strip in self.strip(edge.low.y)..=self.strip(edge.high.y) {
+                    self.starts[strip] -= 1;
+                    self.items[self.starts[strip] as usize] = index as u32;
+                }
+            }
+        }
+    }
+
+    fn strip(&self, y: f64) -> usize {
+        // The cast saturates, so coordinates far outside land in the outer strips.
+        (((y - self.low) * self.per_unit) as usize).min(self.starts.len() - 2)
+    }
+
+    /// Edges that a line to the right from this height may cross.
+    fn at(&self, y: f64) -> &[u32] {
+        let strip = self.strip(y);
+        &self.items[self.starts[strip] as usize..self.starts[strip + 1] as usize]
+    }
+}
+
 /// All edges, for lines cast from places over the rectangle around the light.
 pub(super) struct Casts<'a> {
     /// Per chain edge.
     pub(super) crossers: &'a [Crosser],
+    pub(super) strips: &'a Strips,
     pub(super) beside: &'a [Vec<Span>; 2],
     /// Distance up to which rounding decides.
     pub(super) near: f64,
+}
+
+/// A line cast from a place, and the direction of another line through that place, beside which coverings are asked for.
+struct Line {
+    place: DVec2,
+    direction: DVec2,
+    /// Whether the cast line starts on the right of `direction`.
+    right_is_ahead: bool,
+    /// An edge that runs along `direction` by definition.
+    own: Option<usize>,
+    near: f64,
 }
 
 /// What [`Casts::winding`] finds.
@@ -57,6 +137,31 @@ pub(super) struct Winding {
 }
 
 impl Winding {
+    /// Adds what an edge says that the cast line crosses, or that runs through its start.
+    fn add<const ACROSS: usize>(&mut self, edge: &Crosser, index: usize, line: &Line) {
+        let turn = i32::from(edge.turns[ACROSS]);
+        let coverings = turn * edge.coefficient;
+        let side = f64::from(turn) * sweep::side(edge.line, line.place);
+        let is_own = line.own == Some(index);
+        if side > line.near && !is_own {
+            self.right += coverings;
+            return;
+        }
+        let direction = f64::from(turn) * DVec2::new(edge.line.y, -edge.line.x);
+        let is_parallel =
+            || direction.perp_dot(line.direction).abs() <= PARALLEL * line.direction.length();
+        if is_own || (side.abs() <= line.near && is_parallel()) {
+            let same_way = direction.dot(line.direction) > 0.0;
+            self.across += if same_way { coverings } else { -coverings };
+            self.first = Some(self.first.map_or(index, |first| first.min(index)));
+            if !line.right_is_ahead {
+                self.right += coverings;
+            }
+        } else if side > 0.0 {
+            self.right += coverings;
+        }
+    }
+
     /// Triangles that cover the place beside on the left.
     pub(super) fn left(&self) -> i32 {
         self.right + self.across
@@ -66,63 +171,47 @@ impl Winding {
 impl Casts<'_> {
     /// How many triangles cover the places just beside `place` on either side of a line along `direction` through it.
     ///
-    /// Casts a line to the right or upwards, whichever is farther from `direction`. Edges that run along the line through `place` within
-    /// rounding are told apart from those that the cast line crosses, so that it does not matter on which side rounding puts them; `own`
-    /// is one that does so by definition.
+    /// Edges that run along the line through `place` within rounding are told apart from those that the cast line crosses, so that it does
+    /// not matter on which side rounding puts them; `own` is one that does so by definition.
     pub(super) fn winding(&self, place: DVec2, direction: DVec2, own: Option<usize>) -> Winding {
-        if direction.y.abs() >= direction.x.abs() {
-            self.cast::<1>(place, direction, direction.y > 0.0, own)
+        let line = |right_is_ahead| Line {
+            place,
+            direction,
+            right_is_ahead,
+            own,
+            near: self.near,
+        };
+        if direction.y.abs() >= FLAT * direction.x.abs() {
+            let edges = self.strips.at(place.y).iter().map(|item| *item as usize);
+            self.cast::<1>(&line(direction.y > 0.0), edges)
         } else {
-            self.cast::<0>(place, direction, direction.x <= 0.0, own)
+            self.cast::<0>(&line(direction.x <= 0.0), 0..self.crossers.len())
         }
     }
 
-    /// Casts a line to the right (`ACROSS` = 1) or upwards (0). `right_is_ahead`: whether the right of `direction` is the side from which it
-    /// starts away from `place`.
+    /// Casts a line to the right (`ACROSS` = 1) or upwards (0); `edges` are those that it may cross, ascending.
     fn cast<const ACROSS: usize>(
         &self,
-        place: DVec2,
-        direction: DVec2,
-        right_is_ahead: bool,
-        own: Option<usize>,
+        line: &Line,
+        edges: impl Iterator<Item = usize>,
     ) -> Winding {
         let mut winding = Winding {
             right: 0,
             across: 0,
             first: None,
         };
-        let (across, along) = (place[ACROSS], place[1 - ACROSS] - self.near);
+        let (across, along) = (line.place[ACROSS], line.place[1 - ACROSS] - self.near);
         for span in &self.beside[ACROSS] {
             let is_crossed = span.low <= across && across < span.high;
             winding.right += span.coefficient * i32::from(is_crossed);
         }
-        for (index, edge) in self.crossers.iter().enumerate() {
+        for index in edges {
+            let edge = &self.crossers[index];
             let may_cross = (edge.low[ACROSS] <= across)
                 & (across < edge.high[ACROSS])
                 & (along <= edge.high[1 - ACROSS]);
-            if !may_cross {
-                continue;
-            }
-            let turn = i32::from(edge.turns[ACROSS]);
-            let coverings = turn * edge.coefficient;
-            let side = f64::from(turn) * sweep::side(edge.line, place);
-            if side > self.near && own != Some(index) {
-                winding.right += coverings;
-                continue;
-            }
-            let edge_direction = f64::from(turn) * DVec2::new(edge.line.y, -edge.line.x);
-            let runs_along = own == Some(index)
-                || (side.abs() <= self.near
-                    && edge_direction.perp_dot(direction).abs() <= PARALLEL * direction.length());
-            if runs_along {
-                let same_way = edge_direction.dot(direction) > 0.0;
-                winding.across += if same_way { coverings } else { -coverings };
-                winding.first = Some(winding.first.map_or(index, |first| first.min(index)));
-                if !right_is_ahead {
-                    winding.right += coverings;
-                }
-            } else if side > 0.0 {
-                winding.right += coverings;
+            if may_cross {
+                winding.add::<ACROSS>(edge, index, line);
             }
         }
         winding
