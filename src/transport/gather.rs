@@ -55,12 +55,18 @@ pub fn gather(
         }
     }
     counters.points_fallback = scratch.fallbacks;
+    counters.silhouettes = scratch.silhouettes;
+    counters.crossings = scratch.crossings;
     let samples = totals
         .into_iter()
         .map(|total| total.finish(options.gradients, selection.left_out))
         .collect();
     (samples, counters)
 }
+
+/// Share of the bound on rounding that is its typical size: roundings have either sign and few are as large as they may be. Measured on
+/// the fixtures `slab` and `contact` against extended precision.
+const TYPICAL: f64 = 0.015;
 
 /// A sample as it adds up.
 #[derive(Clone)]
@@ -96,7 +102,7 @@ impl Total {
         }
         let brightest = radiance.max_element();
         sample.has_gradient &= sums.has_gradient;
-        sample.error += sums.rounding * brightest;
+        sample.error += TYPICAL * sums.rounding * brightest;
         self.variance += (part.error * brightest).powi(2);
     }
 

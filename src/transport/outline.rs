@@ -100,7 +100,8 @@ impl Outline {
         let farthest = light.dot(away);
         let (centre, half) = (receivers.centre(), 0.5 * (receivers.max - receivers.min));
         let mut outline = Self::default();
-        let mut facets = Vec::with_capacity(candidates.len());
+        let mut facings = Facings::new(candidates);
+        let mut kept = Vec::with_capacity(candidates.len());
         for &triangle in candidates {
             let corners =
                 edges.corners[triangle as usize].map(|corner| edges.vertices[corner as usize]);
@@ -112,12 +113,9 @@ impl Outline {
                 let depth = corner.dot(away);
                 depth < nearest + margin || depth > farthest - margin
             });
-            facets.push(Faced {
-                triangle,
-                sides: facet.sides,
-                facing,
-                is_open: is_crossing || !is_common,
-            });
+            let is_open = is_crossing || !is_common;
+            facings.set(triangle, if is_open { 0 } else { facing });
+            kept.push((facet.sides, facing, is_open));
             if !is_common {
                 outline.varying.push(Varying {
                     facet,
@@ -128,20 +126,19 @@ impl Outline {
                 outline.crossing.push(facet);
             }
         }
-        let uses = facets
-            .iter()
-            .flat_map(|faced| {
-                let sides = faced.sides.iter();
-                sides
-                    .filter(|side| !faced.is_cancelled(edges, &facets, side.edge))
-                    .map(|side| Use {
+        let mut uses = Vec::new();
+        for (sides, facing, is_open) in kept {
+            for side in sides {
+                if is_open || !facings.cancel_at(edges, side.edge) {
+                    uses.push(Use {
                         edge: side.edge,
                         // A front is wound counter-clockwise as the receiver sees it, contours are clockwise.
-                        coefficient: -faced.facing * side.direction,
-                        is_open: faced.is_open,
-                    })
-            })
-            .collect();
+                        coefficient: -facing * side.direction,
+                        is_open,
+                    });
+                }
+            }
+        }
         outline.keep_silhouettes(edges, uses);
         outline
     }
@@ -183,35 +180,57 @@ impl Outline {
     }
 }
 
-/// A candidate and its facing in the middle of the receivers.
-struct Faced {
-    triangle: u32,
-    sides: [Side; 3],
-    facing: i32,
-    /// Whether that may be otherwise for some receiver, or the triangle is cut.
-    is_open: bool,
+/// How candidates face all receivers alike, by their names.
+struct Facings {
+    /// Name of the first candidate.
+    first: u32,
+    /// 0 for what is no candidate, is cut, or does not face all receivers alike. Empty where names are spread too far.
+    facings: Vec<i8>,
 }
 
-impl Faced {
-    /// Whether what it says of an edge is surely undone by its only neighbour there. Most edges are such, so few need sorting.
-    fn is_cancelled(&self, edges: &Edges, all: &[Self], edge: u32) -> bool {
-        let mut around = edges.around_edge(edge).map(|(triangle, _)| triangle);
+impl Facings {
+    /// Names per candidate up to which there is a table of all names between: to fill it costs a fraction of an instruction each.
+    const SPREAD: usize = 64;
+
+    fn new(candidates: &[u32]) -> Self {
+        let (first, last) = (candidates.first(), candidates.last());
+        let (first, last) = (first.map_or(0, |id| *id), last.map_or(0, |id| *id));
+        let spread = (last - first) as usize + 1;
+        let n_names = if spread <= Self::SPREAD * candidates.len() {
+            spread
+        } else {
+            0
+        };
+        Self {
+            first,
+            facings: vec![0; n_names],
+        }
+    }
+
+    fn set(&mut self, triangle: u32, facing: i32) {
+        if let Some(slot) = self.facings.get_mut((triangle - self.first) as usize) {
+            *slot = facing as i8;
+        }
+    }
+
+    fn get(&self, triangle: u32) -> i32 {
+        let place = triangle.checked_sub(self.first);
+        let facing = place.and_then(|place| self.facings.get(place as usize));
+        facing.map_or(0, |facing| i32::from(*facing))
+    }
+
+    /// Whether an edge surely has no coefficient: just two triangles meet there and say opposite things. Most edges are such, so few
+    /// need sorting.
+    fn cancel_at(&self, edges: &Edges, edge: u32) -> bool {
+        let mut around = edges.around_edge(edge);
         let (Some(a), Some(b), None) = (around.next(), around.next(), around.next()) else {
             return false;
         };
-        if self.is_open || a == b {
-            return false;
-        }
-        let other = if a == self.triangle { b } else { a };
-        let Ok(place) = all.binary_search_by_key(&other, |faced| faced.triangle) else {
-            return false;
-        };
-        let other = &all[place];
-        let direction = |faced: &Self| {
-            let sides = faced.sides.iter().filter(|side| side.edge == edge);
-            sides.map(|side| side.direction * faced.facing).sum::<i32>()
-        };
-        !other.is_open && direction(self) + direction(other) == 0
+        let [a, b] = [a, b].map(|(triangle, side)| {
+            let facing = self.get(triangle);
+            facing * edges.direction(triangle, side)
+        });
+        a != 0 && a + b == 0
     }
 }
 

@@ -27,8 +27,13 @@ use self::sweep::{BorderSide, Boxed, Break, Strand, Sweep};
 pub(super) use self::sweep::{differ, zero_of};
 use self::winding::{Casts, Crosser, Joints, Strips};
 use super::contour::Piece;
+use super::cost::Work;
 use super::frame::{self, Frame};
 use super::outline::Outline;
+
+/// Share of the bound on a position's rounding that is its typical error: that of one operation. The bound decides what lies within
+/// rounding of what; a claim as large would be a thousand times the error (`tests/estimators.rs`, against extended precision).
+pub(super) const TYPICAL_SHIFT: f64 = 1.0 / 64.0;
 
 /// Memory that evaluations reuse.
 #[derive(Debug, Default)]
@@ -37,6 +42,7 @@ pub(super) struct Scratch {
     crossers: Vec<Crosser>,
     strips: Strips,
     strands: Vec<Strand>,
+    order: Vec<u64>,
     boxes: Vec<Boxed>,
     border: Vec<BorderSide>,
     /// As they are found.
@@ -110,19 +116,42 @@ pub(super) fn visible_contour(
     rounding
 }
 
-/// Bound on the error of the light vector per unit radiance, steradians, when every piece may be off by `shift` metres: each then sweeps
-/// its angle times that distance as seen from the receiver.
-pub(super) fn rounding(pieces: &[Piece], shift: f64) -> f64 {
-    pieces
-        .iter()
-        .map(|piece| {
-            let nearest = piece.a.length().min(piece.b.length()).max(shift);
-            piece.a.angle_between(piece.b) * shift / nearest
-        })
-        .sum()
-}
-
 impl Scratch {
+    /// How many silhouette edges the last receiver had before its light, and in how many places they met.
+    pub(super) fn counts(&self) -> [usize; 2] {
+        [self.strands.len(), self.breaks.len()]
+    }
+
+    /// What there is to do for one receiver; parameters as for [`visible_contour`].
+    pub(super) fn work(
+        &mut self,
+        receiver: DVec3,
+        borders: &[Piece],
+        away: DVec3,
+        outline: &Outline,
+    ) -> Option<Work> {
+        let rounding = frame::rounding(receiver, borders);
+        let frame = Frame::new(borders, away, rounding)?;
+        let near = 4.0 * rounding * frame.right.length();
+        self.cut_up(receiver, borders, &frame, outline, near);
+        let length: f64 = self
+            .strands
+            .iter()
+            .map(|strand| {
+                let [p, q] = strand.places;
+                p.distance(q)
+            })
+            .sum();
+        let [silhouettes, crossings] = self.counts();
+        Some(Work {
+            edges: outline.n_edges() as f64,
+            silhouettes: silhouettes as f64,
+            crossings: crossings as f64,
+            // The unit of the plane is half a diagonal of the light.
+            length: length * std::f64::consts::FRAC_1_SQRT_2,
+        })
+    }
+
     /// Projects everything and finds out where it meets.
     fn cut_up(
         &mut self,
@@ -162,7 +191,7 @@ impl Scratch {
             breaks: &mut self.breaks,
             near,
         };
-        sweep.cross_strands(&mut self.boxes);
+        sweep.cross_strands(&mut self.order, &mut self.boxes);
         sweep.cross_border(&mut self.border, chain, &mut self.on_border);
         let n_strands = self.strands.len();
         sweep::sort(&self.breaks, n_strands, &mut self.starts, &mut self.sorted);

@@ -147,27 +147,43 @@ pub(super) struct Sweep<'a> {
 pub(super) struct Boxed {
     low: DVec2,
     high: DVec2,
+    /// Its ends along x, as [`ascending`] numbers.
+    from: u64,
+    to: u64,
     strand: u32,
+}
+
+/// A number of 32 bits that does not fall where `x` rises: short keys are sorted in a fraction of the time.
+fn ascending(x: f64) -> u64 {
+    let bits = (x as f32).to_bits();
+    let is_negative = bits >> 31 == 1;
+    u64::from(if is_negative { !bits } else { bits | 1 << 31 })
 }
 
 impl Sweep<'_> {
     /// Where strands meet each other; pairs are found by sweeping along x.
-    pub(super) fn cross_strands(&mut self, boxes: &mut Vec<Boxed>) {
-        boxes.clear();
-        boxes.extend((0..).zip(&*self.strands).map(|(strand, own)| {
+    pub(super) fn cross_strands(&mut self, order: &mut Vec<u64>, boxes: &mut Vec<Boxed>) {
+        order.clear();
+        order.extend((0..).zip(&*self.strands).map(|(strand, own)| {
             let [p, q] = own.places;
+            ascending(p.x.min(q.x) - self.near) << 32 | strand
+        }));
+        order.sort_unstable();
+        boxes.clear();
+        boxes.extend(order.iter().map(|key| {
+            let strand = *key as u32;
+            let [p, q] = self.strands[strand as usize].places;
             Boxed {
                 low: p.min(q) - self.near,
                 high: p.max(q) + self.near,
+                from: key >> 32,
+                to: ascending(p.x.max(q.x) + self.near),
                 strand,
             }
         }));
-        boxes.sort_unstable_by(|a, b| {
-            (a.low.x.total_cmp(&b.low.x)).then_with(|| a.strand.cmp(&b.strand))
-        });
         for (rank, first) in boxes.iter().enumerate() {
             for second in &boxes[rank + 1..] {
-                if second.low.x > first.high.x {
+                if second.from > first.to {
                     break;
                 }
                 if second.low.y <= first.high.y && first.low.y <= second.high.y {
