@@ -208,10 +208,11 @@ impl Eye<'_> {
     }
 
     fn beyond(&self, place: DVec2) -> u8 {
-        u8::from(place.x < self.low.x) * LEFT
-            | u8::from(place.x > self.high.x) * RIGHT
-            | u8::from(place.y < self.low.y) * BELOW
-            | u8::from(place.y > self.high.y) * ABOVE
+        let bit = |is_beyond: bool, bit: u8| if is_beyond { bit } else { 0 };
+        bit(place.x < self.low.x, LEFT)
+            + bit(place.x > self.high.x, RIGHT)
+            + bit(place.y < self.low.y, BELOW)
+            + bit(place.y > self.high.y, ABOVE)
     }
 }
 
