@@ -88,6 +88,12 @@ pub(super) fn collect(
                 position,
                 direction,
                 kind,
+                size: size(
+                    kind,
+                    &hierarchy.nodes[node].extras,
+                    &format!("nodes[{node}]"),
+                    warnings,
+                ),
             }),
             Err(reason) => warnings.push(
                 "light makes no sense, left out",
@@ -140,6 +146,28 @@ fn place(
         (None, PunctualKind::Point { .. }) => Ok((position, DVec3::NEG_Z, kind)),
         (None, _) => Err("its node flattens its direction"),
     }
+}
+
+/// `extras.lumel.radius` of a node with a point or spot light, `extras.lumel.angular_diameter` of one with a directional light.
+fn size(kind: PunctualKind, extras: &Value, place: &str, warnings: &mut Warnings) -> Option<f64> {
+    let (key, largest, message) = match kind {
+        PunctualKind::Point { .. } | PunctualKind::Spot { .. } => (
+            "radius",
+            f64::MAX,
+            "extras.lumel.radius must be metres from 0 on, not looked at",
+        ),
+        PunctualKind::Directional => (
+            "angular_diameter",
+            std::f64::consts::FRAC_PI_2,
+            "extras.lumel.angular_diameter must be radians in 0..=π/2, not looked at",
+        ),
+    };
+    let value = extras.get("lumel")?.get(key)?;
+    let size = value.as_f64().filter(|size| (0.0..=largest).contains(size));
+    if size.is_none() {
+        warnings.push(message, place);
+    }
+    size
 }
 
 /// Exporters write angles in f32; π/2 in f32 is above π/2.

@@ -166,7 +166,7 @@ impl Triangle {
     }
 }
 
-/// A light of `KHR_lights_punctual`, in world space. Read, not yet baked.
+/// A light of `KHR_lights_punctual`, in world space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PunctualLight {
     /// Authored name, else `light<index>`.
@@ -181,6 +181,8 @@ pub struct PunctualLight {
     pub direction: DVec3,
     /// What shape its light has.
     pub kind: PunctualKind,
+    /// Point and spot: radius in metres, directional: angular diameter in radians, where the node's extras give one; 0 is hard.
+    pub size: Option<f64>,
 }
 
 /// Shape of a punctual light.
@@ -246,6 +248,15 @@ impl Scene {
     #[must_use]
     pub fn alpha(&self, triangle: u32, weights: [f64; 3]) -> f32 {
         material::alpha(self, triangle, weights)
+    }
+
+    /// Share of the light that passes through a surface point of a translucent material, per channel in [0, 1]: base colour × (1 − alpha),
+    /// or × the transmission factor. All of it where alpha is 0: there is no surface.
+    ///
+    /// `triangle` indexes [`Scene::triangles`]; `weights` are the barycentric weights of its `vertices`.
+    #[must_use]
+    pub fn transmittance(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {
+        material::transmittance(self, triangle, weights)
     }
 
     /// Emission of a surface point, in nit: emissive factor × texture × `KHR_materials_emissive_strength`.

@@ -74,6 +74,18 @@ impl Sums {
         rounding: 0.0,
     };
 
+    /// Multiplies the light by a `share` that changes by `slope` per metre.
+    pub(super) fn attenuate(&mut self, share: f64, slope: DVec3) {
+        self.j = self.j * share + outer(self.g, slope);
+        self.grad_phi = self.grad_phi * share + self.phi * slope;
+        if !self.has_gradient {
+            (self.j, self.grad_phi) = (DMat3::ZERO, DVec3::ZERO);
+        }
+        self.g *= share;
+        self.phi *= share;
+        self.rounding *= share;
+    }
+
     /// The same light without derivatives.
     #[must_use]
     pub fn without_gradient(self) -> Self {

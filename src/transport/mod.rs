@@ -12,6 +12,7 @@ mod distant;
 mod exact;
 mod frame;
 mod gather;
+mod minor;
 mod outline;
 mod pair;
 mod sampled;
@@ -24,9 +25,11 @@ use glam::{DMat3, DVec3};
 
 pub use self::contour::Sums;
 pub use self::gather::gather;
+pub use self::minor::MANY_LIGHTS;
 use self::source::Source;
 pub use self::vedel::Options as VedelOptions;
-use crate::lights::Polygon;
+use crate::lights::{Lights, Polygon};
+use crate::math::Aabb;
 
 /// How light is evaluated.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +44,13 @@ pub struct Options {
     /// Irradiance in lux that may be missing: per tile the dimmest lights are left out as long as upper bounds of what they give sum up
     /// to no more. The sum enters [`Sample::error`]; derivatives lack those lights too. Range: 0 and more. Default: 0, all lights count.
     pub negligible: f64,
+    /// Lights that could give a receiver no more than this share of all its light are tested by one shadow ray at most, and none once what
+    /// is left to test is below this share of what is known; what is not tested is added as often as the tile sees it, and counted as error.
+    /// Radiance's `-dt`. Range: 0..=1; 0 integrates every light. Not with `gradients`. Default: 0.
+    pub direct_threshold: f64,
+    /// How many of the n lights left to test are compared with the threshold before testing stops: the largest n to this power. Radiance's
+    /// `-dc`. Range: 0 (the next alone)..=1 (all of them: the bound holds). Default: 0.5.
+    pub direct_certainty: f64,
     /// How [`Estimator::Vedel`] looks.
     pub vedel: VedelOptions,
     /// Whether to evaluate `j` and `grad_phi`.
@@ -57,6 +67,8 @@ impl Default for Options {
             samples: 64,
             accepted_error: 0.0,
             negligible: 0.0,
+            direct_threshold: 0.0,
+            direct_certainty: 0.5,
             vedel: VedelOptions::default(),
             gradients: true,
             appendix_derivative: false,
@@ -155,10 +167,16 @@ pub struct Counters {
     pub pairs: u64,
     /// Pairs that were left out because the light cannot give the tile more than [`Options::negligible`].
     pub pairs_negligible: u64,
+    /// Pairs of which the light matters little: tested by one ray per point at most.
+    pub pairs_minor: u64,
+    /// Lights that a point did not test: added as often as its tile sees them.
+    pub lights_untested: u64,
     /// Pairs that cannot see each other: below the horizon of the whole tile, or behind the light.
     pub pairs_facing_away: u64,
     /// Pairs with an empty shaft: closed form, no ray.
     pub pairs_unoccluded: u64,
+    /// Pairs of which the light has no size: a ray per point.
+    pub pairs_hard: u64,
     /// Pairs whose visible contour was clipped exactly.
     pub pairs_exact: u64,
     /// Candidate silhouette edges of those pairs.
@@ -184,8 +202,11 @@ impl Counters {
         self.shadow_rays += other.shadow_rays;
         self.pairs += other.pairs;
         self.pairs_negligible += other.pairs_negligible;
+        self.pairs_minor += other.pairs_minor;
+        self.lights_untested += other.lights_untested;
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
+        self.pairs_hard += other.pairs_hard;
         self.pairs_exact += other.pairs_exact;
         self.edges += other.edges;
         self.silhouettes += other.silhouettes;
@@ -208,4 +229,19 @@ pub fn unoccluded(polygon: &Polygon, receiver: &Receiver, gradients: bool) -> Su
     Source::new(polygon)
         .unoccluded(receiver, gradients, &mut Vec::new())
         .map_or(Sums::DARK, |light| light.sums)
+}
+
+/// The irradiance in lux of all `lights` at `receiver`, at its own normal, when nothing stands in the way.
+#[must_use]
+pub fn unoccluded_irradiance(lights: &Lights, receiver: &Receiver) -> DVec3 {
+    let places = Aabb::from_points([receiver.position]);
+    let mut pieces = Vec::new();
+    Source::all(lights, &places)
+        .iter()
+        .filter_map(|source| {
+            let light = source.unoccluded(receiver, false, &mut pieces)?;
+            let (share, _) = source.attenuation(receiver.position);
+            Some(source.strength * (share * light.sums.g.dot(receiver.normal).max(0.0)))
+        })
+        .sum()
 }

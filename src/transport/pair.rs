@@ -14,7 +14,7 @@ use super::traced::{self, Outcome};
 use super::vedel;
 use super::{Counters, Estimator, Options, Receiver};
 use crate::math::Aabb;
-use crate::visibility::{Occluders, Shaft};
+use crate::visibility::{Occluders, Visibility};
 
 /// Candidate edges of a tile up to which [`Estimator::Auto`] clips without further ado: that is cheaper than the 64 rays with which
 /// sampling begins. Larger would leave what is dearer unweighed; smaller would weigh what is not in doubt.
@@ -25,7 +25,7 @@ const FEW_EDGES: usize = 128;
 /// `slab`, more would say too much where nothing is missed.
 const UNSEEN: f64 = 0.5;
 
-/// What a receiver sees of a light, per unit radiance.
+/// What a receiver sees of a light, per unit of its strength.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Part {
     /// Light vector, fluence and, where they are known, derivatives; `rounding` bounds the error where nothing is sampled.
@@ -54,7 +54,7 @@ pub(super) struct Scratch {
 /// A light and how it is looked at from one tile.
 #[derive(Debug)]
 pub(super) struct Pair<'a> {
-    source: Source<'a>,
+    source: &'a Source<'a>,
     light: u64,
     way: Way<'a>,
     occluders: &'a Occluders<'a>,
@@ -67,8 +67,10 @@ enum Way<'a> {
     Open,
     /// For receivers in front of the light and behind it.
     Exact { front: Outline, back: Outline },
-    /// Shadow rays to points on the light.
-    Sampled(Surface<'a>),
+    /// A shadow ray: the light is a point.
+    Hard,
+    /// Shadow rays to points on the light, which are the same for every receiver or spread for each anew.
+    Sampled(Option<Surface<'a>>),
     /// Shadow rays that trace the contour as published.
     Vedel(vedel::Frame),
     /// A few shadow rays, and outlines followed along the meshes.
@@ -88,20 +90,21 @@ struct Traced<'a> {
 impl<'a> Pair<'a> {
     /// `light` is the index of the source; `receivers` are those that it shines on.
     pub(super) fn new(
-        source: Source<'a>,
+        source: &'a Source<'a>,
         light: u64,
         receivers: &[Receiver],
         occluders: &'a Occluders<'a>,
         options: &'a Options,
         counters: &mut Counters,
     ) -> Self {
-        let way = choose(&source, receivers, occluders, options);
+        let way = choose(source, receivers, occluders, options);
         match &way {
             Way::Open => counters.pairs_unoccluded += 1,
             Way::Exact { front, back } => {
                 counters.pairs_exact += 1;
                 counters.edges += (front.n_edges() + back.n_edges()) as u64;
             }
+            Way::Hard => counters.pairs_hard += 1,
             Way::Sampled(_) => counters.pairs_sampled += 1,
             Way::Vedel(_) => counters.pairs_vedel += 1,
             Way::Traced(_) => counters.pairs_traced += 1,
@@ -117,8 +120,35 @@ impl<'a> Pair<'a> {
 
     /// What `receiver` sees of the light; `None` when it would see nothing even with nothing in the way.
     pub(super) fn evaluate(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Part> {
+        let (share, slope) = self.source.attenuation(receiver.position);
+        if share <= 0.0 {
+            return None;
+        }
+        let mut part = self.look(receiver, scratch)?;
+        part.sums.attenuate(share, slope);
+        part.error *= share;
+        Some(part)
+    }
+
+    /// [`Self::evaluate`] of a light that shines everywhere alike.
+    fn look(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Part> {
         match &self.way {
             Way::Open => self.open(receiver, scratch),
+            Way::Hard => {
+                let mut part = self.open(receiver, scratch)?;
+                part.rays = 1;
+                let middle = self.source.seen_middle(receiver.position);
+                if self
+                    .occluders
+                    .occluded(receiver.position, middle, &|_| false)
+                {
+                    part.sums = Sums {
+                        has_gradient: part.sums.has_gradient,
+                        ..Sums::DARK
+                    };
+                }
+                Some(part)
+            }
             Way::Traced(traced) => self.trace(receiver, traced, scratch),
             Way::Exact { front, back } => self.clip(receiver, front, back, scratch),
             Way::Vedel(frame) => self.trace_as_vedel(receiver, frame, scratch),
@@ -126,9 +156,17 @@ impl<'a> Pair<'a> {
                 let whole = self
                     .source
                     .unoccluded(receiver, false, &mut scratch.borders)?;
-                let radiance = self.source.polygon.radiance.max_element();
+                let radiance = self.source.strength.max_element();
+                let spread;
+                let surface = match surface {
+                    Some(surface) => surface,
+                    None => {
+                        spread = self.source.spread(receiver.position);
+                        &spread
+                    }
+                };
                 Some(sampled::estimate_to(
-                    &self.source,
+                    self.source,
                     surface,
                     receiver,
                     &whole,
@@ -164,7 +202,7 @@ impl<'a> Pair<'a> {
             return None;
         }
         let away = self.source.away(position);
-        let surface = &self.source.polygon.surface;
+        let surface = self.source.own_triangles();
         let (outcome, rays) = traced
             .tile
             .contour(position, borders, away, surface, traced::CELLS);
@@ -189,7 +227,8 @@ impl<'a> Pair<'a> {
                 scratch.fallbacks += 1;
                 let outline = traced.outline.get_or_init(|| {
                     let edges = self.occluders.edges();
-                    let plane = (self.source.point(), away);
+                    let front = self.source.plane_distance(position) > 0.0;
+                    let plane = self.source.backdrop(&traced.places, front);
                     Outline::new(edges, &traced.places, traced.tile.candidates(), plane)
                 });
                 self.clip(receiver, outline, outline, scratch)?
@@ -252,7 +291,7 @@ impl<'a> Pair<'a> {
         }
         visible.clear();
         let view = vedel::View {
-            source: &self.source,
+            source: self.source,
             frame,
             light: self.light,
             options: &self.options.vedel,
@@ -286,29 +325,31 @@ fn choose<'a>(
     occluders: &'a Occluders<'a>,
     options: &Options,
 ) -> Way<'a> {
-    let polygon = source.polygon;
+    let places = Aabb::from_points(receivers.iter().map(|receiver| receiver.position));
     let candidates = {
-        let planes: Vec<_> = receivers
-            .iter()
-            .map(|receiver| (receiver.position, receiver.normal))
-            .collect();
-        let vertices: Vec<DVec3> = polygon.contours.iter().flatten().copied().collect();
-        let shaft = Shaft::new(&planes, &vertices, polygon.normal);
-        let ignore = |triangle: u32| polygon.surface.binary_search(&triangle).is_ok();
+        let shaft = source.shaft(receivers, &places);
+        let own = source.own_triangles();
+        let ignore = |triangle: u32| own.binary_search(&triangle).is_ok();
         occluders.in_shaft(&shaft, &ignore)
     };
     if candidates.is_empty() {
         return Way::Open;
     }
-    if options.estimator == Estimator::Vedel {
+    if source.is_hard() {
+        return Way::Hard;
+    }
+    if options.estimator == Estimator::Vedel
+        && let Some(polygon) = source.polygon()
+    {
         return Way::Vedel(vedel::Frame::new(polygon));
     }
     // A contour knows edges of triangles, not of what is painted on them.
     let masked = candidates.iter().any(|id| occluders.is_masked(*id));
     if options.estimator == Estimator::Sampled || masked {
-        return Way::Sampled(Surface::new(polygon));
+        return sampled_way(source);
     }
     if options.estimator == Estimator::Traced
+        && source.is_fixed()
         && let Some(traced) = Traced::new(source, receivers, occluders, candidates.clone())
     {
         return Way::Traced(Box::new(traced));
@@ -322,19 +363,15 @@ fn choose<'a>(
         if bounds.is_empty() {
             return Outline::default();
         }
-        let away = if front {
-            -polygon.normal
-        } else {
-            polygon.normal
-        };
         let edges = occluders.edges();
-        Outline::new(edges, &bounds, &candidates, (source.point(), away))
+        let backdrop = source.backdrop(&bounds, front);
+        Outline::new(edges, &bounds, &candidates, backdrop)
     };
     let (front, back) = (outline(true), outline(false));
     let way = Way::Exact { front, back };
     if options.estimator == Estimator::Auto && is_dearer_than_rays(&way, source, receivers, options)
     {
-        return Way::Sampled(Surface::new(polygon));
+        return sampled_way(source);
     }
     way
 }
@@ -368,13 +405,17 @@ fn is_dearer_than_rays(
             continue;
         };
         let whole = contour::sum(&borders, receiver.normal, false).g;
-        let light = whole.dot(receiver.normal) * source.polygon.radiance.max_element();
+        let light = whole.dot(receiver.normal) * source.strength.max_element();
         let most = f64::from(sampled::MAX_SAMPLES);
         let pilot = f64::from(options.samples);
         exact += work.exact();
-        sampled += work.ray() * work.samples(options.accepted_error / light, pilot, most);
+        sampled += work.sampled(options.accepted_error / light, pilot, most);
     }
     exact > sampled
+}
+
+fn sampled_way<'a>(source: &Source<'a>) -> Way<'a> {
+    Way::Sampled(source.is_fixed().then(|| source.spread(DVec3::ZERO)))
 }
 
 impl<'a> Traced<'a> {
@@ -390,10 +431,13 @@ impl<'a> Traced<'a> {
         let all_agree = receivers
             .iter()
             .all(|receiver| source.away(receiver.position) == away);
-        let tile = traced::Tile::new(occluders, candidates, (source.point(), -away))?;
+        let front = source.plane_distance(first) > 0.0;
+        let places = Aabb::from_points(receivers.iter().map(|receiver| receiver.position));
+        let (point, _) = source.backdrop(&places, front);
+        let tile = traced::Tile::new(occluders, candidates, (point, -away))?;
         all_agree.then(|| Self {
             tile,
-            places: Aabb::from_points(receivers.iter().map(|receiver| receiver.position)),
+            places,
             outline: OnceCell::new(),
         })
     }

@@ -70,7 +70,8 @@ pub(super) fn estimate<V: Visibility + ?Sized>(
     samples: u32,
     visibility: &V,
 ) -> Part {
-    let ignore = |triangle: u32| source.polygon.surface.binary_search(&triangle).is_ok();
+    let own = source.own_triangles();
+    let ignore = |triangle: u32| own.binary_search(&triangle).is_ok();
     let sees = |point: DVec3| !visibility.occluded(receiver.position, point, &ignore);
 
     let height = source.height(receiver.position).abs();
@@ -257,7 +258,7 @@ mod tests {
     fn errors(samples: u32) -> [f64; 4] {
         let light = light();
         let source = Source::new(&light);
-        let surface = Surface::new(&light);
+        let surface = source.spread(DVec3::ZERO);
         let mut squares = [0.0; 4];
         let count = 2000;
         for seed in 0..count {
@@ -319,7 +320,7 @@ mod tests {
     fn all_points_visible_gives_the_closed_form_and_none_gives_nothing() {
         let light = light();
         let source = Source::new(&light);
-        let surface = Surface::new(&light);
+        let surface = source.spread(DVec3::ZERO);
         for (seed, samples) in (0..50).zip(1..) {
             let receiver = receiver(DVec3::new(0.1, 0.02 * seed as f64, 0.0), seed);
             let whole = source
@@ -362,7 +363,7 @@ mod tests {
     fn a_sliver_above_the_horizon_that_no_point_meets_gets_one_ray() {
         let light = light();
         let source = Source::new(&light);
-        let surface = Surface::new(&light);
+        let surface = source.spread(DVec3::ZERO);
         // The horizon passes 1e-6 m inside the light's border.
         let mut receiver = receiver(DVec3::ZERO, 5);
         let border = DVec3::new(1.0 - 1e-6, 0.0, 3.0);
@@ -417,7 +418,7 @@ mod tests {
         let cut = DVec3::new(-0.4, 1.0, 3.0);
         let [a, b, c] = light.triangles[0];
         light.triangles = vec![light.triangles[1], [a, b, cut], [a, cut, c]];
-        let surface = Surface::new(&light);
+        let surface = Source::new(&light).spread(DVec3::ZERO);
         let n = 4096;
         let (mut mean, mut left) = (DVec3::ZERO, 0);
         for place in strata(n, 1, 2) {

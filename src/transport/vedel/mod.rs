@@ -306,6 +306,7 @@ impl<V: Visibility + ?Sized> View<'_, V> {
         side: u32,
         border: &mut Vec<[DVec2; 2]>,
     ) -> Option<Grid<'b, V>> {
+        let polygon = self.source.polygon()?;
         let origin = self.frame.origin - receiver.position;
         let place = |point: DVec3| {
             let [u, v] = self.frame.duals.map(|dual| dual.dot(point - origin));
@@ -327,7 +328,7 @@ impl<V: Visibility + ?Sized> View<'_, V> {
         let steps = [u * step.x, v * step.y];
         Some(Grid {
             receiver,
-            polygon: self.source.polygon,
+            polygon,
             visibility: self.visibility,
             corner: origin + low.x * u + low.y * v,
             steps,
