@@ -66,6 +66,8 @@ pub fn gather(
         }
     }
     counters.points_fallback = scratch.fallbacks;
+    counters.silhouettes = scratch.silhouettes;
+    counters.crossings = scratch.crossings;
     minor::add(
         &sources,
         &split,
@@ -81,6 +83,10 @@ pub fn gather(
         .collect();
     (samples, counters)
 }
+
+/// Share of the bound on rounding that is its typical size: roundings have either sign and few are as large as they may be. Measured on
+/// the fixtures `slab` and `contact` against extended precision.
+const TYPICAL: f64 = 0.015;
 
 /// A sample as it adds up.
 #[derive(Clone)]
@@ -121,7 +127,7 @@ impl Total {
         }
         let brightest = strength.max_element();
         sample.has_gradient &= sums.has_gradient;
-        sample.error += sums.rounding * brightest;
+        sample.error += TYPICAL * sums.rounding * brightest;
         self.variance += (part.error * brightest).powi(2);
     }
 

@@ -22,10 +22,13 @@ use crate::math;
 use crate::visibility::Visibility;
 
 /// Samples up to which a point is refined: 64 times the default, at which a straight shadow edge is known to a part in a thousand.
-const MAX_SAMPLES: u32 = 4096;
+pub(super) const MAX_SAMPLES: u32 = 4096;
 
 /// The standard error falls as N^-3/4 where a straight edge crosses the light, and more slowly in a soup.
-const CONVERGENCE: f64 = 0.75;
+pub(super) const CONVERGENCE: f64 = 0.75;
+
+/// Share of a sample by which the result may be off even where all samples agree: a part of a stratum may still be otherwise.
+pub(super) const AGREED: f64 = 0.5;
 
 /// [`estimate`] with `samples` points, and where its standard error exceeds `accepted` steradians, again with as many fresh points as should
 /// meet it. Fresh ones, because keeping a first look only where it happened to agree with itself would bias the result.
@@ -109,9 +112,8 @@ pub(super) fn estimate<V: Visibility + ?Sized>(
             phi: whole.sums.phi * (seen.phi / all.phi),
             ..whole.sums.without_gradient()
         },
-        // Where all points agree a part of a stratum may still be otherwise.
         error: (ratio * standard_deviation(&points, visible))
-            .hypot(0.5 * irradiance / points.len() as f64),
+            .hypot(AGREED * irradiance / points.len() as f64),
         rays,
     }
 }
