@@ -4,6 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::minor;
 use super::pair::{Pair, Part, Scratch};
+use super::sampled::Seen;
 use super::select::select;
 use super::source::Source;
 use super::{Counters, Options, Receiver, Sample};
@@ -59,9 +60,11 @@ pub fn gather(
             &mut counters,
         );
         for place in lit {
-            if let Some(part) = pair.evaluate(&tile[place], &mut scratch) {
-                counters.shadow_rays += u64::from(part.rays);
-                totals[place].add(&part, source.strength);
+            if let Some(seen) = pair.evaluate(&tile[place], &mut scratch) {
+                let total = &mut totals[place];
+                let before = total.sample.rays;
+                total.add_seen(&seen, source.strength);
+                counters.shadow_rays += u64::from(total.sample.rays - before);
             }
         }
     }
@@ -107,6 +110,26 @@ impl Default for Total {
 
 impl Total {
     /// Adds what is seen of a light of this strength.
+    fn add_seen(&mut self, seen: &Seen, strength: DVec3) {
+        let parts = match seen {
+            Seen::Alike(part) => return self.add(part, strength),
+            Seen::Tinted(parts) => parts,
+        };
+        let (mut error, mut rounding) = (0.0_f64, 0.0_f64);
+        for (channel, part) in parts.iter().enumerate() {
+            error = error.max(part.error * strength[channel]);
+            rounding = rounding.max(part.sums.rounding * strength[channel]);
+            let mut alone = *part;
+            // Rays and errors are those of all channels.
+            (alone.rays, alone.error, alone.sums.rounding) = (0, 0.0, 0.0);
+            self.add_tinted(&alone, strength, DVec3::AXES[channel]);
+        }
+        self.sample.rays += parts[0].rays;
+        self.sample.error += rounding;
+        self.variance += error * error;
+    }
+
+    /// Adds what is seen of a light of this strength, in all channels alike.
     pub(super) fn add(&mut self, part: &Part, strength: DVec3) {
         self.add_tinted(part, strength, DVec3::ONE);
     }

@@ -177,6 +177,8 @@ pub struct Counters {
     pub pairs_unoccluded: u64,
     /// Pairs of which the light has no size: a ray per point.
     pub pairs_hard: u64,
+    /// Pairs with glass in between: sampled, or tested by one ray when the light has no size.
+    pub pairs_tinted: u64,
     /// Pairs whose visible contour was clipped exactly.
     pub pairs_exact: u64,
     /// Candidate silhouette edges of those pairs.
@@ -207,6 +209,7 @@ impl Counters {
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
         self.pairs_hard += other.pairs_hard;
+        self.pairs_tinted += other.pairs_tinted;
         self.pairs_exact += other.pairs_exact;
         self.edges += other.edges;
         self.silhouettes += other.silhouettes;

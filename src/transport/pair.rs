@@ -8,7 +8,7 @@ use super::contour::{self, Piece, Sums};
 use super::exact;
 use super::frame;
 use super::outline::Outline;
-use super::sampled;
+use super::sampled::{self, Seen, View};
 use super::source::{Source, Surface};
 use super::traced::{self, Outcome};
 use super::vedel;
@@ -24,6 +24,10 @@ const FEW_EDGES: usize = 128;
 /// claim is the standard deviation of a coin in the part that one sample stands for; 1/3 does not cover the thin quad of the fixture
 /// `slab`, more would say too much where nothing is missed.
 const UNSEEN: f64 = 0.5;
+
+/// Diameter over distance of the pieces of a light that are sampled first (G. Ward 1994, section 3.3, figure 6), radians. Smaller casts
+/// rays at far lights that one would do for; with larger ones the first guess of the error is poorer.
+const PIECE: f64 = 0.15;
 
 /// What a receiver sees of a light, per unit of its strength.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,6 +61,8 @@ pub(super) struct Pair<'a> {
     source: &'a Source<'a>,
     light: u64,
     way: Way<'a>,
+    /// Whether glass may stand in between.
+    is_tinted: bool,
     occluders: &'a Occluders<'a>,
     options: &'a Options,
 }
@@ -97,7 +103,8 @@ impl<'a> Pair<'a> {
         options: &'a Options,
         counters: &mut Counters,
     ) -> Self {
-        let way = choose(source, receivers, occluders, options);
+        let (way, is_tinted) = choose(source, receivers, occluders, options);
+        counters.pairs_tinted += u64::from(is_tinted);
         match &way {
             Way::Open => counters.pairs_unoccluded += 1,
             Way::Exact { front, back } => {
@@ -113,68 +120,105 @@ impl<'a> Pair<'a> {
             source,
             light,
             way,
+            is_tinted,
             occluders,
             options,
         }
     }
 
     /// What `receiver` sees of the light; `None` when it would see nothing even with nothing in the way.
-    pub(super) fn evaluate(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Part> {
+    pub(super) fn evaluate(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Seen> {
         let (share, slope) = self.source.attenuation(receiver.position);
         if share <= 0.0 {
             return None;
         }
-        let mut part = self.look(receiver, scratch)?;
-        part.sums.attenuate(share, slope);
-        part.error *= share;
-        Some(part)
+        let mut seen = match &self.way {
+            Way::Sampled(surface) => self.sample(receiver, surface.as_ref(), scratch)?,
+            Way::Hard => self.one_ray(receiver, scratch)?,
+            _ => Seen::Alike(self.look(receiver, scratch)?),
+        };
+        seen.for_each(|part| {
+            part.sums.attenuate(share, slope);
+            part.error *= share;
+        });
+        Some(seen)
     }
 
-    /// [`Self::evaluate`] of a light that shines everywhere alike.
+    /// What arrives along segments to the light, per channel.
+    fn arrives(&self, segments: &[[DVec3; 2]]) -> Vec<DVec3> {
+        let own = self.source.own_triangles();
+        let ignore = |triangle: u32| own.binary_search(&triangle).is_ok();
+        let mut hidden = Vec::new();
+        self.occluders.occluded_each(segments, &ignore, &mut hidden);
+        let share = |(is_hidden, &[from, to]): (bool, &[DVec3; 2])| match is_hidden {
+            true => DVec3::ZERO,
+            false if self.is_tinted => self.occluders.transmittance(from, to, &ignore),
+            false => DVec3::ONE,
+        };
+        hidden.into_iter().zip(segments).map(share).collect()
+    }
+
+    /// A light without a size.
+    fn one_ray(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Seen> {
+        let mut part = self.open(receiver, scratch)?;
+        part.rays = 1;
+        let middle = self.source.seen_middle(receiver.position);
+        let share = self.arrives(&[[receiver.position, middle]])[0];
+        let of_channel = |channel: usize| {
+            let mut part = part;
+            part.sums.attenuate(share[channel], DVec3::ZERO);
+            part
+        };
+        Some(if self.is_tinted {
+            Seen::Tinted(Box::new([0, 1, 2].map(of_channel)))
+        } else {
+            Seen::Alike(of_channel(0))
+        })
+    }
+
+    fn sample(
+        &self,
+        receiver: &Receiver,
+        surface: Option<&Surface<'_>>,
+        scratch: &mut Scratch,
+    ) -> Option<Seen> {
+        let source = self.source;
+        let whole = source.unoccluded(receiver, false, &mut scratch.borders)?;
+        let spread;
+        let surface = match surface {
+            Some(surface) => surface,
+            None => {
+                spread = source.spread(receiver.position);
+                &spread
+            }
+        };
+        let view = View {
+            source,
+            surface,
+            receiver,
+            whole: &whole,
+            light: self.light,
+            arrives: &|segments| self.arrives(segments),
+            is_tinted: self.is_tinted,
+        };
+        let accepted = self.options.accepted_error / source.strength.max_element();
+        // A light that is small for its distance needs few rays to begin with; where that is not enough, its error says so.
+        let samples = if accepted > 0.0 {
+            let pieces = (source.apparent_size(receiver.position) / PIECE).powi(2);
+            (pieces.ceil() as u32).clamp(1, self.options.samples)
+        } else {
+            self.options.samples
+        };
+        Some(sampled::estimate_to(&view, samples, accepted))
+    }
+
+    /// Without sampling.
     fn look(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Part> {
         match &self.way {
-            Way::Open => self.open(receiver, scratch),
-            Way::Hard => {
-                let mut part = self.open(receiver, scratch)?;
-                part.rays = 1;
-                let middle = self.source.seen_middle(receiver.position);
-                if self
-                    .occluders
-                    .occluded(receiver.position, middle, &|_| false)
-                {
-                    part.sums = Sums {
-                        has_gradient: part.sums.has_gradient,
-                        ..Sums::DARK
-                    };
-                }
-                Some(part)
-            }
+            Way::Open | Way::Hard | Way::Sampled(_) => self.open(receiver, scratch),
             Way::Traced(traced) => self.trace(receiver, traced, scratch),
             Way::Exact { front, back } => self.clip(receiver, front, back, scratch),
             Way::Vedel(frame) => self.trace_as_vedel(receiver, frame, scratch),
-            Way::Sampled(surface) => {
-                let whole = self
-                    .source
-                    .unoccluded(receiver, false, &mut scratch.borders)?;
-                let radiance = self.source.strength.max_element();
-                let spread;
-                let surface = match surface {
-                    Some(surface) => surface,
-                    None => {
-                        spread = self.source.spread(receiver.position);
-                        &spread
-                    }
-                };
-                Some(sampled::estimate_to(
-                    self.source,
-                    surface,
-                    receiver,
-                    &whole,
-                    self.light,
-                    (self.options.samples, self.options.accepted_error / radiance),
-                    self.occluders,
-                ))
-            }
         }
     }
 
@@ -324,20 +368,31 @@ fn choose<'a>(
     receivers: &[Receiver],
     occluders: &'a Occluders<'a>,
     options: &Options,
-) -> Way<'a> {
+) -> (Way<'a>, bool) {
     let places = Aabb::from_points(receivers.iter().map(|receiver| receiver.position));
-    let candidates = {
-        let shaft = source.shaft(receivers, &places);
-        let own = source.own_triangles();
-        let ignore = |triangle: u32| own.binary_search(&triangle).is_ok();
-        occluders.in_shaft(&shaft, &ignore)
+    let shaft = source.shaft(receivers, &places);
+    let own = source.own_triangles();
+    let ignore = |triangle: u32| own.binary_search(&triangle).is_ok();
+    let candidates = occluders.in_shaft(&shaft, &ignore);
+    let is_tinted = occluders.has_pane_in(&shaft, &ignore);
+    let way = match (candidates.is_empty(), is_tinted) {
+        (true, false) => Way::Open,
+        _ if source.is_hard() => Way::Hard,
+        // The light behind glass has as many radiances as there are layers.
+        (_, true) => sampled_way(source),
+        (false, false) => integrate(source, receivers, occluders, candidates, options),
     };
-    if candidates.is_empty() {
-        return Way::Open;
-    }
-    if source.is_hard() {
-        return Way::Hard;
-    }
+    (way, is_tinted)
+}
+
+/// How a light with a size is integrated behind `candidates`.
+fn integrate<'a>(
+    source: &Source<'a>,
+    receivers: &[Receiver],
+    occluders: &'a Occluders<'a>,
+    candidates: Vec<u32>,
+    options: &Options,
+) -> Way<'a> {
     if options.estimator == Estimator::Vedel
         && let Some(polygon) = source.polygon()
     {
