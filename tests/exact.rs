@@ -415,16 +415,16 @@ fn coarse_sphere(centre: DVec3, radius: f64, rings: u32) -> Vec<[DVec3; 3]> {
 
 #[test]
 fn the_penumbra_of_a_coarse_sphere_is_exact() {
-    // The sphere of the fixture `penumbra`, with 256 triangles in place of 20,000.
-    let occluders = coarse_sphere(DVec3::new(0.0, 1.3, 0.0), 0.6, 8);
+    // The sphere of the fixture `penumbra`, with 144 triangles in place of 20,000: the reference cuts every piece by each of them.
+    let occluders = coarse_sphere(DVec3::new(0.0, 1.3, 0.0), 0.6, 6);
     let (mut n_partial, mut errors) = (0, Vec::new());
-    for index in 0..100 {
-        let at = |k: u32| -1.63 + 0.33 * f64::from(k);
+    for index in 0..36 {
+        let at = |k: u32| -1.33 + 0.51 * f64::from(k);
         let case = Case {
             light: square_light(),
             two_sided: false,
             occluders: occluders.clone(),
-            position: DVec3::new(at(index % 10), 0.0, at(index / 10)),
+            position: DVec3::new(at(index % 6), 0.0, at(index / 6)),
             normal: DVec3::Y,
         };
         let light = case.seen_light();
@@ -445,7 +445,7 @@ fn the_penumbra_of_a_coarse_sphere_is_exact() {
         }
     }
     errors.sort_by(f64::total_cmp);
-    assert!(n_partial > 40, "only {n_partial} partly visible");
+    assert!(n_partial > 15, "only {n_partial} partly visible");
     // Of the few hundred pieces of a point one may pass a vertex within the step of the differences.
     assert!(
         errors[n_partial / 2] < 1e-8 && errors[n_partial * 9 / 10] < 1e-5,
