@@ -38,6 +38,9 @@ const SIGMAS: f64 = 3.0;
 /// 0.6 % with 400.
 const MAX_RAYS: usize = 800;
 
+/// Lights above which small ones are taken together: twice as many as there are rays for, since drawing is more exact.
+const VERY_MANY: usize = 2 * MAX_RAYS;
+
 /// What the tests of one tile said of one light.
 #[derive(Clone, Copy, Default)]
 struct History {
@@ -81,7 +84,7 @@ pub(super) fn add(
     if split.minor.is_empty() {
         return;
     }
-    let minors = unit::units(sources, &split.minor, tile, MAX_RAYS)
+    let minors = unit::units(sources, &split.minor, tile, VERY_MANY)
         .into_iter()
         .map(|unit| Minor {
             unit,
