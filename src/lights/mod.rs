@@ -20,6 +20,7 @@
 mod contour;
 mod emission;
 mod merge;
+pub mod sky;
 mod split;
 
 use glam::DVec3;
