@@ -41,6 +41,7 @@ fn main() -> Outcome<()> {
     if let Some(directory) = &directory {
         fs::create_dir_all(directory)?;
     }
+    times()?;
     for (name, image) in pictures() {
         println!("\n{name}: {} × {}", image.width(), image.height());
         let with_sun = figure_3(&name, &image, directory.as_deref())?;
@@ -62,7 +63,6 @@ fn main() -> Outcome<()> {
         }
         figure_5(&name, &image, directory.as_deref())?;
     }
-    times()?;
     if let Some(peak) = peak_memory() {
         println!("\npeak memory of all that: {peak} MB");
     }
