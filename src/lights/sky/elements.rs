@@ -18,7 +18,7 @@ use super::grid::{Grid, Patch, norm};
 /// way to the final relaxation becomes as slow as that one.
 const PER_DIRECTION: f64 = 64.0;
 
-/// Elements per chunk of a [`Cut`]. Fewer: finding the directions near a chunk dominates. More: chunks are wide, and each of their elements
+/// Most elements per chunk of a [`Cut`]. Fewer: finding the directions near a chunk dominates. More: chunks are wide, and each of their elements
 /// is compared with many directions.
 const CHUNK: usize = 64;
 
@@ -181,17 +181,18 @@ impl<'a> Pyramid<'a> {
 
     /// Elements for `n` directions: none with more light or wider than a small part of an even share of both.
     pub(super) fn cut(&self, n: usize) -> Cut {
-        let mut cut = Cut {
-            elements: Vec::new(),
-            caps: Vec::new(),
-        };
+        let mut cut = Cut::default();
         let limits = [limit(self.grid, n), 4.0 * PI / (PER_DIRECTION * n as f64)];
-        self.refine(self.levels.len() - 1, 0, 0, limits, &mut cut.elements);
-        cut.caps = cut.elements.chunks(CHUNK).map(cap).collect();
+        self.refine(self.levels.len() - 1, 0, 0, limits, &mut cut);
+        let ends = cut.starts.iter().skip(1).copied();
+        cut.caps = (cut.starts.iter().copied())
+            .zip(ends.chain([cut.elements.len()]))
+            .map(|(start, end)| cap(&cut.elements[start..end]))
+            .collect();
         cut
     }
 
-    fn refine(&self, level: usize, x: u32, y: u32, limits: [f64; 2], elements: &mut Vec<Element>) {
+    fn refine(&self, level: usize, x: u32, y: u32, limits: [f64; 2], cut: &mut Cut) {
         let Level {
             width,
             height,
@@ -217,38 +218,43 @@ impl<'a> Pyramid<'a> {
         let is_wide = middle.solid_angle * n_pixels > limits[1];
         let direction = node.moment.normalize_or_zero();
         if node.weight <= limits[0] && (level == 0 || !is_wide) && direction != DVec3::ZERO {
-            elements.push(Element {
+            cut.starts.push(cut.elements.len());
+            cut.elements.push(Element {
                 direction,
                 weight: node.weight,
                 moment: node.moment,
             });
         } else if level > 0 {
+            let (n_chunks, start) = (cut.starts.len(), cut.elements.len());
             for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                self.refine(level - 1, 2 * x + dx, 2 * y + dy, limits, elements);
+                self.refine(level - 1, 2 * x + dx, 2 * y + dy, limits, cut);
+            }
+            // A chunk is a node, so that it does not reach from a lamp far into the dark.
+            if (1..=CHUNK).contains(&(cut.elements.len() - start)) {
+                cut.starts.truncate(n_chunks);
+                cut.starts.push(start);
             }
         } else {
-            self.take_apart(columns, rows, limits[0], elements);
+            self.take_apart(columns, rows, limits[0], cut);
         }
     }
 
-    fn take_apart(
-        &self,
-        columns: [u32; 2],
-        rows: [u32; 2],
-        limit: f64,
-        elements: &mut Vec<Element>,
-    ) {
+    fn take_apart(&self, columns: [u32; 2], rows: [u32; 2], limit: f64, cut: &mut Cut) {
         for row in rows[0]..rows[1] {
             for column in columns[0]..columns[1] {
                 let norm = norm(&self.grid.image.row(row)[column as usize]);
-                let n = pieces(norm * self.grid.patch(column, row).solid_angle, limit);
-                if norm > 0.0 {
-                    elements.extend(self.grid.pieces(column, row, n).map(|piece| Element {
-                        direction: piece.direction,
-                        weight: norm * piece.solid_angle,
-                        moment: norm * piece.moment,
-                    }));
+                if norm == 0.0 {
+                    continue;
                 }
+                let n = pieces(norm * self.grid.patch(column, row).solid_angle, limit);
+                let start = cut.elements.len();
+                let pieces = self.grid.pieces(column, row, n).map(|piece| Element {
+                    direction: piece.direction,
+                    weight: norm * piece.solid_angle,
+                    moment: norm * piece.moment,
+                });
+                cut.elements.extend(pieces);
+                cut.starts.extend((start..cut.elements.len()).step_by(CHUNK));
             }
         }
     }
@@ -298,10 +304,12 @@ impl Level {
     }
 }
 
-/// Elements along the quadtree's curve, so that neighbours in the list are neighbours on the sphere.
-#[derive(Debug)]
+/// Elements node by node, so that neighbours in the list are neighbours on the sphere.
+#[derive(Debug, Default)]
 pub(super) struct Cut {
     elements: Vec<Element>,
+    /// Where in `elements` each chunk begins.
+    starts: Vec<usize>,
     caps: Vec<(DVec3, f64)>,
 }
 
@@ -334,8 +342,9 @@ impl Elements for Cut {
     }
 
     fn visit(&self, chunk: usize, mut visit: impl FnMut(DVec3, f64, DVec3)) {
-        let end = self.elements.len().min((chunk + 1) * CHUNK);
-        for element in &self.elements[chunk * CHUNK..end] {
+        let end = self.starts.get(chunk + 1).copied();
+        let end = end.unwrap_or(self.elements.len());
+        for element in &self.elements[self.starts[chunk]..end] {
             visit(element.direction, element.weight, element.moment);
         }
     }

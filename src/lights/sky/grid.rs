@@ -86,17 +86,16 @@ impl<'a> Grid<'a> {
         self.bands[row as usize].patch(self.azimuths[column as usize])
     }
 
-    /// A pixel's patch, cut into `n` × `n`.
+    /// A pixel's patch, cut into `n` × `n`, a power of two; along a Z-shaped curve, so that every 64 in a row are a square.
     pub(super) fn pieces(&self, column: u32, row: u32, n: u32) -> impl Iterator<Item = Patch> {
         let (size, width) = steps(self.image);
         let (size, width) = (size / f64::from(n), width / f64::from(n));
-        (0..n).flat_map(move |y| {
-            let theta = (f64::from(row) * f64::from(n) + f64::from(y) + 0.5) * size;
-            let band = Band::new(theta, size, width);
-            (0..n).map(move |x| {
-                let phi = (f64::from(column) * f64::from(n) + f64::from(x) + 0.5) * width;
-                band.patch(azimuth(phi))
-            })
+        let left = f64::from(column) * f64::from(n) + 0.5;
+        let top = f64::from(row) * f64::from(n) + 0.5;
+        (0..n * n).map(move |index| {
+            let [x, y] = [index, index >> 1].map(every_other_bit);
+            let band = Band::new((top + f64::from(y)) * size, size, width);
+            band.patch(azimuth((left + f64::from(x)) * width))
         })
     }
 
@@ -143,6 +142,11 @@ fn steps(image: &Environment) -> (f64, f64) {
         PI / f64::from(image.height()),
         TAU / f64::from(image.width()),
     )
+}
+
+/// Bits 0, 2, 4 … of `bits`, side by side.
+fn every_other_bit(bits: u32) -> u32 {
+    (0..16).fold(0, |sum, bit| sum | (bits >> (2 * bit) & 1) << bit)
 }
 
 /// Cosine and sine at `phi` from the left border, which is −X.

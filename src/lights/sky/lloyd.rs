@@ -4,8 +4,8 @@
 //! average of its samples. Nearest by chord is nearest by angle, so every step lowers one energy, and the relaxation cannot go in circles.
 //!
 //! Exact in spite of the short cuts: a chunk of elements within a cap of radius r, whose centre is d away from the nearest direction, is
-//! compared with all directions within d + 2r of its centre, and no other can be nearest to any of its elements. A chunk is looked at again
-//! only when one of those moved, or another came that near. Sums are formed chunk by chunk and added in the order of the chunks, so they
+//! compared with the directions within d + 2r of its centre whose border with the nearest one meets the cap; no other can be nearest to any
+//! of its elements. A chunk is looked at again only when one of those moved, or another came within d + 2r. Sums are formed chunk by chunk and added in the order of the chunks, so they
 //! are the same on any number of threads.
 //!
 //! Source: T. Kollig and A. Keller, "Efficient Illumination by High Dynamic Range Images", EGSR 2003, section 3.
@@ -16,10 +16,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::elements::Elements;
-
-/// Decentration that a cell is allowed in terms of its own root mean square radius. θ_T alone would leave directions in a sun smaller than
-/// θ_T where they happened to be placed. Larger: cells of one light become uneven. Smaller: iterations that change nothing visible.
-const RELATIVE_DECENTRATION: f64 = 0.1;
 
 /// Shorter means, relative to the light, are no direction: rounding decides them, as for a uniform sphere.
 const LEAST_MEAN: f64 = 1e-9;
@@ -119,38 +115,42 @@ impl<'e, E: Elements> Partition<'e, E> {
         self.update(&[self.directions.len() as u32 - 1]);
     }
 
-    /// Moves directions to their centroids until none is further away than `threshold`, in radians, or than a part of its cell's radius.
+    /// Moves directions to their centroids until none is further away than `threshold`, in radians. Those that are nearer stay.
     pub(super) fn settle(&mut self, threshold: f64) {
-        let mut iterations = 0;
-        loop {
-            let mut moved = Vec::new();
-            for (index, sum) in self.sums.iter().enumerate() {
-                let Some(centroid) = sum.centroid() else {
-                    continue;
-                };
-                let distance = angle(self.directions[index], centroid);
-                if distance > threshold.min(RELATIVE_DECENTRATION * sum.radius()) {
-                    moved.push((index as u32, centroid));
-                }
-            }
-            if moved.is_empty() || iterations == MAX_ITERATIONS {
+        for _ in 0..MAX_ITERATIONS {
+            let moved: Vec<u32> = (0..self.directions.len() as u32)
+                .filter(|&index| self.miss(index) > threshold)
+                .collect();
+            if moved.is_empty() {
                 return;
             }
-            for &(index, centroid) in &moved {
+            self.step(&moved);
+        }
+    }
+
+    /// Moves some directions to their centroids.
+    pub(super) fn step(&mut self, indices: &[u32]) {
+        for &index in indices {
+            if let Some(centroid) = self.sums[index as usize].centroid() {
                 self.directions[index as usize] = centroid;
             }
-            let moved: Vec<u32> = moved.into_iter().map(|(index, _)| index).collect();
-            self.update(&moved);
-            iterations += 1;
         }
+        self.update(indices);
+    }
+
+    /// By how much a direction misses its centroid, radians.
+    fn miss(&self, index: u32) -> f64 {
+        self.sums[index as usize]
+            .centroid()
+            .map_or(0.0, |centroid| {
+                angle(self.directions[index as usize], centroid)
+            })
     }
 
     /// Largest angle between a direction and its centroid, radians.
     pub(super) fn decentration(&self) -> f64 {
-        self.sums
-            .iter()
-            .zip(&self.directions)
-            .filter_map(|(sum, &direction)| Some(angle(direction, sum.centroid()?)))
+        (0..self.directions.len() as u32)
+            .map(|index| self.miss(index))
             .fold(0.0, f64::max)
     }
 
@@ -204,20 +204,29 @@ impl Chunk {
     fn find(&mut self, centre: DVec3, radius: f64, directions: &[DVec3], dots: &mut Vec<f64>) {
         /// Rounding of the cosines on both sides. Too large only compares with more directions than needed.
         const SLACK: f64 = 1e-12;
+        /// Of the difference of two cosines.
+        const ROUNDING: f64 = 1e-15;
         dots.clear();
         dots.extend(directions.iter().map(|direction| centre.dot(*direction)));
-        let nearest = dots.iter().fold(-1.0_f64, |most, &dot| most.max(dot));
-        let reach = nearest.min(1.0).acos() + 2.0 * radius;
+        let nearest = nearest(directions, centre);
+        let reach = dots[nearest].clamp(-1.0, 1.0).acos() + 2.0 * radius;
         self.reach = if reach < PI {
             reach.cos() - SLACK
         } else {
             -2.0
         };
+        let is_narrow = radius < 0.5 * PI;
+        let margin = radius.sin();
         self.shares.clear();
         self.shares.extend(
             (0..)
                 .zip(&*dots)
                 .filter(|&(_, &dot)| dot >= self.reach)
+                // Those whose border with the nearest passes by the cap.
+                .filter(|&(index, &dot)| {
+                    let apart = directions[nearest].distance(directions[index as usize]);
+                    !is_narrow || dots[nearest] - dot <= margin * apart + SLACK * apart + ROUNDING
+                })
                 .map(|(index, _)| (index, Sum::default())),
         );
     }
