@@ -10,6 +10,7 @@ mod exact;
 mod lights;
 mod output;
 mod scene;
+mod sky;
 mod stiff;
 mod texels;
 mod traced;

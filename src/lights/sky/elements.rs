@@ -254,7 +254,8 @@ impl<'a> Pyramid<'a> {
                     moment: norm * piece.moment,
                 });
                 cut.elements.extend(pieces);
-                cut.starts.extend((start..cut.elements.len()).step_by(CHUNK));
+                cut.starts
+                    .extend((start..cut.elements.len()).step_by(CHUNK));
             }
         }
     }
