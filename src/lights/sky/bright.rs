@@ -7,7 +7,7 @@
 //! The pixels of a region keep the radiance of what surrounds them. Picture and regions together have the light that the picture had.
 
 use std::collections::VecDeque;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3};
 
@@ -72,16 +72,18 @@ type Place = (u32, u32);
 #[must_use]
 pub fn split_bright(image: &mut Environment) -> Vec<Region> {
     let mut regions = Vec::new();
-    let total = Grid::new(image).weight();
+    let least = LEAST_SHARE * Grid::new(image).weight();
+    // Less than that all over the largest region is too little.
+    let dimmest = least / (2.0 * PI * (1.0 - MAX_RADIUS.cos()));
     let mut is_done = vec![false; image.pixels().len()];
     for _ in 0..MAX_ATTEMPTS {
-        let Some(places) = brightest(image, &mut is_done) else {
+        let Some(places) = brightest(image, dimmest, &mut is_done) else {
             break;
         };
         let Some(replaced) = places.and_then(|places| surroundings(image, &places)) else {
             continue;
         };
-        if let Some(region) = region(image, &replaced, LEAST_SHARE * total) {
+        if let Some(region) = region(image, &replaced, least) {
             for (place, radiance) in replaced {
                 image.set(place.0, place.1, radiance);
             }
@@ -94,8 +96,12 @@ pub fn split_bright(image: &mut Environment) -> Vec<Region> {
     regions
 }
 
-/// The pixels connected to the brightest one that is not done; `Some(None)` when they are too many. Marks all it meets as done.
-fn brightest(image: &Environment, is_done: &mut [bool]) -> Option<Option<Vec<Place>>> {
+/// The pixels connected to the brightest one that is not done and not dimmer than `dimmest`; `Some(None)` when they are too wide. Marks all it meets as done.
+fn brightest(
+    image: &Environment,
+    dimmest: f64,
+    is_done: &mut [bool],
+) -> Option<Option<Vec<Place>>> {
     let width = image.width() as usize;
     let (start, peak) = image
         .pixels()
@@ -107,7 +113,7 @@ fn brightest(image: &Environment, is_done: &mut [bool]) -> Option<Option<Vec<Pla
             (0, 0.0),
             |best, next| if next.1 > best.1 { next } else { best },
         );
-    if peak == 0.0 {
+    if peak == 0.0 || peak < dimmest {
         return None;
     }
     let grid = Grid::new(image);
