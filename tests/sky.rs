@@ -1,5 +1,7 @@
 //! Skies: pictures are read as they are meant, rules keep all their light, cells cover the sphere.
 
+#![expect(clippy::print_stdout, reason = "says what was skipped")]
+
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fs;
 use std::path::PathBuf;

@@ -60,7 +60,7 @@ pub struct Options {
     pub sets: usize,
     /// Iterations that interleave the sets, k. Range: 0..=1000. Default: 4, after which the paper finds no more gain.
     pub iterations: usize,
-    /// Largest angle in radians by which a direction may miss the centroid of its cell, θ_T. Range: 1e-6..=1. Default: 0.01. Smaller takes more iterations and changes the largest ‖Bᵢ‖ little.
+    /// Largest angle in radians by which a direction may miss the centroid of its cell, the paper's threshold. Range: 1e-6..=1. Default: 0.01. Smaller takes more iterations and changes the largest ‖Bᵢ‖ little.
     pub max_decentration: f64,
     /// Whether bright compact regions are taken out first, see [`split_bright`]; the rule is of the rest. Default: false.
     pub split_bright: bool,
@@ -251,7 +251,7 @@ fn grow<E: Elements>(
 ) -> Result<Vec<glam::DVec3>> {
     /// How far beside, in radii of the cell. So near that the border between the two halves the light. Much nearer: rounding decides.
     const BESIDE: f64 = 0.01;
-    /// Steps of the two directions that share a cell, before all relax. In a sun smaller than θ_T nothing else moves them. None: its cells
+    /// Steps of the two directions that share a cell, before all relax. In a sun smaller than the threshold nothing else moves them. None: its cells
     /// are halves of halves. Many: they leave the sun for the wide sky around it, where their distance to the light counts more.
     const PAIR_STEPS: usize = 2;
     let mut partition = Partition::new(elements, directions);

@@ -95,9 +95,7 @@ pub fn to_json(sky: &Sky) -> String {
         composite: sky.composite.as_ref().map(stored_rule),
         quality: sky.quality.clone(),
     };
-    let mut text = serde_json::to_string_pretty(&file).expect("finite numbers and plain names");
-    text.push('\n');
-    text
+    format!("{:#}\n", serde_json::json!(file))
 }
 
 /// The sky in `text`, which [`to_json`] made, if it is of the picture with this `hash` and made with these `options`.

@@ -277,8 +277,8 @@ fn new_scan(
             }
             let n_bytes = if is_run { 1 } else { count };
             let values = tail.get(..n_bytes).ok_or(ENDS)?;
-            for index in 0..count {
-                pixels[start + done + index][channel] = values[if is_run { 0 } else { index }];
+            for (index, pixel) in pixels[start + done..][..count].iter_mut().enumerate() {
+                pixel[channel] = values[if is_run { 0 } else { index }];
             }
             done += count;
             *rest = &tail[n_bytes..];
