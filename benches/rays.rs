@@ -1,7 +1,8 @@
 //! How fast `Occluders` answers rays, beside `obvhs`' own `Bvh2` and `CwBvh` with its triangle test in `f32`.
 //!
-//! Prints ratios of one run; the three take turns on the same rays, on one thread, and the best of several turns counts. Real levels are
-//! tried where they lie beside the checkout, bundled fixtures elsewhere.
+//! Prints ratios of one run; the three take turns on the same segments, on one thread, and the best of several turns counts. Each is given
+//! end points in `f64` and pays for what it makes of them. Real levels are tried where they lie beside the checkout, bundled fixtures
+//! elsewhere.
 
 #![expect(clippy::print_stdout, reason = "a program that prints a table")]
 
@@ -9,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use glam::{DVec3, Vec3A};
-use lumel::scene::{Options, Scene};
+use lumel::scene::{Alpha, Options, Scene};
 use lumel::visibility::{Occluders, Visibility};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::builder::build_bvh2;
@@ -27,10 +28,8 @@ const TURNS: usize = 5;
 /// How far `obvhs` stays away from both ends, in units of the scene: its test has no notion of rounding.
 const CLEARANCE: f64 = 1e-5;
 
-struct Segment {
-    from: DVec3,
-    to: DVec3,
-}
+/// Segments that are asked together: the rays of a patch of texels.
+const TOGETHER: usize = 64;
 
 fn main() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -58,101 +57,122 @@ fn main() {
 fn race(scene: &Scene) {
     println!("\n{}: {} triangles", scene.name, scene.triangles.len());
     println!(
-        "{:<28}{:>10}{:>10}{:>10}{:>16}{:>12}",
-        "Mray/s", "lumel", "Bvh2", "CwBvh", "lumel / better", "stopped"
+        "{:<34}{:>8}{:>8}{:>8}{:>16}{:>10}{:>16}",
+        "Mray/s", "lumel", "Bvh2", "CwBvh", "lumel / better", "stopped", "others differ"
     );
     let occluders = Occluders::build(scene);
     let rivals = Rivals::build(scene);
-    let shadow = shadow_rays(scene, &occluders);
-    let sky = hemisphere_rays(scene);
-    let mut shuffled: Vec<&Segment> = sky.iter().collect();
-    let mut rng = Rng(1);
-    for index in (1..shuffled.len()).rev() {
-        shuffled.swap(index, (rng.unit() * (index + 1) as f64) as usize);
-    }
-    let ordered = |rays: &'_ [Segment]| -> Vec<Segment> {
-        rays.iter().map(|ray| Segment { ..*ray }).collect()
+    let race = Race {
+        occluders: &occluders,
+        rivals: &rivals,
     };
-    let shuffled: Vec<Segment> = shuffled.into_iter().map(|ray| Segment { ..*ray }).collect();
-    for (name, rays) in [
-        ("texel to area light", ordered(&shadow)),
-        ("hemisphere, texel order", ordered(&sky)),
-        ("hemisphere, shuffled", shuffled),
-    ] {
-        occlusion(name, &rays, &occluders, &rivals);
+    let patches = shadow_rays(scene, &occluders, 4);
+    race.together("16 neighbouring texels to a light", &patches);
+    race.one_by_one("the same, one by one", &patches);
+    let scattered = shadow_rays(scene, &occluders, 1);
+    race.together("lone texels to a light", &scattered);
+    race.one_by_one("the same, one by one", &scattered);
+    let mut sky = hemisphere_rays(scene);
+    race.one_by_one("hemisphere, texel order", &sky);
+    race.closest("closest, texel order", &sky);
+    let mut rng = Rng(1);
+    for index in (1..sky.len()).rev() {
+        sky.swap(index, (rng.unit() * (index + 1) as f64) as usize);
     }
-    closest("closest, texel order", &sky, &occluders, &rivals);
+    race.one_by_one("hemisphere, shuffled", &sky);
+    race.closest("closest, shuffled", &sky);
 }
 
-fn occlusion(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &Rivals) {
-    report(
-        name,
-        rays.len(),
-        [
-            &|| {
-                let stopped = |ray: &&Segment| occluders.occluded(ray.from, ray.to, &|_| false);
-                rays.iter().filter(stopped).count()
-            },
-            &|| {
-                let stopped = |ray: &&Segment| {
-                    let narrow = narrowed(ray, rivals.clearance);
-                    !rivals.bvh2.ray_traverse_miss(narrow, |ray, id| {
-                        rivals.bvh2_triangles[id].intersect(ray)
-                    })
-                };
-                rays.iter().filter(stopped).count()
-            },
-            &|| {
-                let stopped = |ray: &&Segment| {
-                    let narrow = narrowed(ray, rivals.clearance);
-                    !rivals.cwbvh.ray_traverse_miss(narrow, |ray, id| {
-                        rivals.cwbvh_triangles[id].intersect(ray)
-                    })
-                };
-                rays.iter().filter(stopped).count()
-            },
-        ],
-    );
+struct Race<'a> {
+    occluders: &'a Occluders<'a>,
+    rivals: &'a Rivals,
 }
 
-fn closest(name: &str, rays: &[Segment], occluders: &Occluders<'_>, rivals: &Rivals) {
-    report(
-        name,
-        rays.len(),
-        [
-            &|| {
-                let met = |ray: &&Segment| {
-                    let (direction, length) = (ray.to - ray.from).normalize_and_length();
-                    occluders
-                        .closest(ray.from, direction, length, &|_| false)
-                        .is_some()
-                };
-                rays.iter().filter(met).count()
-            },
-            &|| {
-                let met = |ray: &&Segment| {
-                    let narrow = narrowed(ray, rivals.clearance);
-                    rivals
-                        .bvh2
-                        .ray_traverse(narrow, &mut RayHit::none(), |ray, id| {
-                            rivals.bvh2_triangles[id].intersect(ray)
-                        })
-                };
-                rays.iter().filter(met).count()
-            },
-            &|| {
-                let met = |ray: &&Segment| {
-                    let narrow = narrowed(ray, rivals.clearance);
-                    rivals
-                        .cwbvh
-                        .ray_traverse(narrow, &mut RayHit::none(), |ray, id| {
-                            rivals.cwbvh_triangles[id].intersect(ray)
-                        })
-                };
-                rays.iter().filter(met).count()
-            },
-        ],
-    );
+impl Race<'_> {
+    fn together(&self, name: &str, segments: &[[DVec3; 2]]) {
+        let ours = || {
+            let mut hidden = Vec::new();
+            let count = |segments: &[[DVec3; 2]]| {
+                self.occluders
+                    .occluded_each(segments, &|_| false, &mut hidden);
+                hidden.iter().filter(|&&hidden| hidden).count()
+            };
+            segments.chunks(TOGETHER).map(count).sum()
+        };
+        self.occlusion(name, segments, &ours);
+    }
+
+    fn one_by_one(&self, name: &str, segments: &[[DVec3; 2]]) {
+        let ours = || {
+            let stopped =
+                |&&[from, to]: &&[DVec3; 2]| self.occluders.occluded(from, to, &|_| false);
+            segments.iter().filter(stopped).count()
+        };
+        self.occlusion(name, segments, &ours);
+    }
+
+    fn occlusion(&self, name: &str, segments: &[[DVec3; 2]], ours: &dyn Fn() -> usize) {
+        let Rivals {
+            clearance,
+            bvh2,
+            bvh2_triangles,
+            cwbvh,
+            cwbvh_triangles,
+        } = self.rivals;
+        let by_bvh2 = || {
+            let stopped = |segment: &&[DVec3; 2]| {
+                let narrow = narrowed(segment, *clearance);
+                !bvh2.ray_traverse_miss(narrow, |ray, id| bvh2_triangles[id].intersect(ray))
+            };
+            segments.iter().filter(stopped).count()
+        };
+        let by_cwbvh = || {
+            let stopped = |segment: &&[DVec3; 2]| {
+                let narrow = narrowed(segment, *clearance);
+                !cwbvh.ray_traverse_miss(narrow, |ray, id| cwbvh_triangles[id].intersect(ray))
+            };
+            segments.iter().filter(stopped).count()
+        };
+        report(name, segments.len(), [ours, &by_bvh2, &by_cwbvh]);
+    }
+
+    fn closest(&self, name: &str, segments: &[[DVec3; 2]]) {
+        let Rivals {
+            clearance,
+            bvh2,
+            bvh2_triangles,
+            cwbvh,
+            cwbvh_triangles,
+        } = self.rivals;
+        let ours = || {
+            let met = |&&[from, to]: &&[DVec3; 2]| {
+                let (direction, length) = (to - from).normalize_and_length();
+                self.occluders
+                    .closest(from, direction, length, &|_| false)
+                    .is_some()
+            };
+            segments.iter().filter(met).count()
+        };
+        let by_bvh2 = || {
+            let met = |segment: &&[DVec3; 2]| {
+                let narrow = narrowed(segment, *clearance);
+                bvh2.ray_traverse(narrow, &mut RayHit::none(), |ray, id| {
+                    bvh2_triangles[id].intersect(ray)
+                })
+            };
+            segments.iter().filter(met).count()
+        };
+        let by_cwbvh = || {
+            let met = |segment: &&[DVec3; 2]| {
+                let narrow = narrowed(segment, *clearance);
+                cwbvh.ray_traverse(narrow, &mut RayHit::none(), |ray, id| {
+                    cwbvh_triangles[id].intersect(ray)
+                })
+            };
+            segments.iter().filter(met).count()
+        };
+        report(name, segments.len(), [&ours, &by_bvh2, &by_cwbvh]);
+    }
 }
 
 /// Lets the competitors take turns and prints their best.
@@ -168,17 +188,21 @@ fn report(name: &str, rays: usize, runs: [&dyn Fn() -> usize; 3]) {
     }
     let speed = best.map(|seconds| 1e-6 * rays as f64 / seconds);
     println!(
-        "{name:<28}{:>10.2}{:>10.2}{:>10.2}{:>16.2}{:>11.1}% {:?}",
+        "{name:<34}{:>8.2}{:>8.2}{:>8.2}{:>16.2}{:>9.1}%{:>16}",
         speed[0],
         speed[1],
         speed[2],
         speed[0] / speed[1].max(speed[2]),
         100.0 * stopped[0] as f64 / rays as f64,
-        [stopped[1], stopped[2]].map(|other| other as i64 - stopped[0] as i64),
+        format!(
+            "{:+} {:+}",
+            stopped[1] as i64 - stopped[0] as i64,
+            stopped[2] as i64 - stopped[0] as i64
+        ),
     );
 }
 
-/// `obvhs` over the same triangles, each tree with the triangles in its own order.
+/// `obvhs` over the same triangles, of which it takes the masked ones for opaque, each tree with the triangles in its own order.
 struct Rivals {
     clearance: f64,
     bvh2: obvhs::bvh2::Bvh2,
@@ -192,6 +216,7 @@ impl Rivals {
         let triangles: Vec<Triangle> = scene
             .triangles
             .iter()
+            .filter(|triangle| scene.materials[triangle.material as usize].alpha != Alpha::Blend)
             .map(|triangle| {
                 let [v0, v1, v2] = triangle.vertices.map(|vertex| vertex.as_vec3a());
                 Triangle { v0, v1, v2 }
@@ -218,11 +243,11 @@ impl Rivals {
     }
 }
 
-fn narrowed(segment: &Segment, clearance: f64) -> Ray {
-    let (direction, length) = (segment.to - segment.from).normalize_and_length();
+fn narrowed([from, to]: &[DVec3; 2], clearance: f64) -> Ray {
+    let (direction, length) = (*to - *from).normalize_and_length();
     // Adding zero turns -0 into 0, of which `CwBvh` is afraid.
     Ray::new(
-        segment.from.as_vec3a(),
+        from.as_vec3a(),
         direction.as_vec3a() + Vec3A::ZERO,
         clearance as f32,
         (length - clearance) as f32,
@@ -263,31 +288,37 @@ fn texels(scene: &Scene, count: usize) -> Vec<(DVec3, DVec3)> {
     texels
 }
 
-/// Four rays from each texel to the nearest of 1000 lights of 2 : 1, which hang amid the free space of the scene.
-fn shadow_rays(scene: &Scene, occluders: &Occluders<'_>) -> Vec<Segment> {
+/// Four rays from each texel to the nearest of 1000 lights of 2 : 1, which hang amid the free space of the scene. Texels lie in patches
+/// of `side` squared, as wide as those of a lightmap of a million, and a patch has one light.
+fn shadow_rays(scene: &Scene, occluders: &Occluders<'_>, side: usize) -> Vec<[DVec3; 2]> {
     let (min, max) = extent(scene);
     let size = 0.01 * (max - min).max_element();
-    let texels = texels(scene, RAYS / 4);
+    let areas = scene.triangles.iter().map(|t| t.area_vector().length());
+    let texel = (0.5 * areas.sum::<f64>() / 1e6).sqrt();
+    let patches = texels(scene, RAYS / (4 * side * side));
     let mut rng = Rng(2);
     let lights: Vec<DVec3> = (0..1000)
         .filter_map(|_| {
-            let (from, normal) = texels[(rng.unit() * texels.len() as f64) as usize];
+            let (from, normal) = patches[(rng.unit() * patches.len() as f64) as usize];
             let hit = occluders.closest(from, normal, 40.0 * size, &|_| false)?;
             Some(from + 0.5 * hit.distance * normal)
         })
         .collect();
     let mut rays = Vec::new();
-    for (from, normal) in texels {
-        let near = |light: &&DVec3| light.distance_squared(from);
+    for (corner, normal) in patches {
+        let near = |light: &&DVec3| light.distance_squared(corner);
         let facing = lights
             .iter()
-            .filter(|&&light| normal.dot(light - from) > 0.0);
+            .filter(|&&light| normal.dot(light - corner) > 0.0);
         let Some(centre) = facing.min_by(|a, b| near(a).total_cmp(&near(b))) else {
             continue;
         };
-        for _ in 0..4 {
-            let to = centre + size * DVec3::new(2.0 * rng.unit() - 1.0, 0.0, rng.unit() - 0.5);
-            rays.push(Segment { from, to });
+        let (x, y) = normal.any_orthonormal_pair();
+        for index in 0..4 * side * side {
+            let (column, row) = (index / 4 % side, index / 4 / side);
+            let from = corner + texel * (column as f64 * x + row as f64 * y);
+            let offset = DVec3::new(2.0 * rng.unit() - 1.0, 0.0, rng.unit() - 0.5);
+            rays.push([from, centre + size * offset]);
         }
     }
     rays.truncate(RAYS);
@@ -295,7 +326,7 @@ fn shadow_rays(scene: &Scene, occluders: &Occluders<'_>) -> Vec<Segment> {
 }
 
 /// Four cosine-distributed rays from each texel through the whole scene.
-fn hemisphere_rays(scene: &Scene) -> Vec<Segment> {
+fn hemisphere_rays(scene: &Scene) -> Vec<[DVec3; 2]> {
     let (min, max) = extent(scene);
     let length = (max - min).length();
     let mut rng = Rng(3);
@@ -306,10 +337,7 @@ fn hemisphere_rays(scene: &Scene) -> Vec<Segment> {
             let radius = (1.0 - z * z).sqrt();
             let sphere = DVec3::new(radius * angle.cos(), radius * angle.sin(), z);
             if let Some(direction) = (normal + sphere).try_normalize() {
-                rays.push(Segment {
-                    from,
-                    to: from + length * direction,
-                });
+                rays.push([from, from + length * direction]);
             }
         }
     }

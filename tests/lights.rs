@@ -707,6 +707,7 @@ fn the_budget_of_splits_is_kept_and_said() {
             &Options {
                 texture_tolerance: 0.001,
                 max_texture_splits,
+                ..Options::default()
             },
         );
         assert_eq!(lights.polygons.len(), 8 + max_texture_splits);

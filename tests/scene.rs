@@ -818,6 +818,46 @@ fn lights_stand_and_look_as_their_nodes() {
     assert_warns(&scene, "light makes no sense", 2);
 }
 
+#[test]
+fn area_lights_of_the_draft_shine_along_minus_z() {
+    let mut document = Document::triangle();
+    document.json["extensions"] = json!({"EXT_lights_area": {"lights": [
+        {"type": "rect", "intensity": 20, "size": 0.5, "rect": {"aspect": 3}},
+        {"type": "disk", "color": [1, 0.5, 0]},
+        {"type": "rect", "size": 0},
+        {"type": "tube"}
+    ]}});
+    for light in 0..4 {
+        document.node(json!({
+            "scale": [2, 1, 1], "translation": [1, 2, 3],
+            "extensions": {"EXT_lights_area": {"light": light}}
+        }));
+    }
+    let scene = document.scene();
+    assert_eq!(scene.area_lights.len(), 2);
+    assert_warns(&scene, "light makes no sense", 2);
+    let rectangle = &scene.area_lights[0];
+    assert_close(rectangle.centre, DVec3::new(1.0, 2.0, 3.0));
+    assert_close(rectangle.half_width, DVec3::X * 1.5);
+    assert_close(rectangle.half_height, DVec3::Y * 0.5);
+    let lights = lumel::lights::collect(&scene, &lumel::lights::Options::default());
+    let [square, disc] = lights.polygons.as_slice() else {
+        panic!("{} polygons", lights.polygons.len());
+    };
+    assert_close(square.normal, DVec3::NEG_Z);
+    assert_eq!((square.area, square.radiance), (3.0, DVec3::splat(20.0)));
+    assert!((disc.area - std::f64::consts::PI).abs() < 1e-12);
+    assert_eq!(disc.radiance, DVec3::new(1000.0, 500.0, 0.0));
+    // Both are wound counter-clockwise seen from where they shine, and are as large as they say.
+    for polygon in &lights.polygons {
+        let contour = &polygon.contours[0];
+        let doubled: DVec3 = (0..contour.len())
+            .map(|k| contour[k].cross(contour[(k + 1) % contour.len()]))
+            .sum();
+        assert_close(0.5 * doubled / polygon.area, DVec3::NEG_Z);
+    }
+}
+
 // Files.
 
 #[test]

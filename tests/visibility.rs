@@ -33,6 +33,7 @@ fn soup(triangles: &[[DVec3; 3]]) -> Scene {
             })
             .collect(),
         punctual_lights: Vec::new(),
+        area_lights: Vec::new(),
         source: Source {
             json: serde_json::Value::Null,
             buffers: Vec::new(),
@@ -140,6 +141,28 @@ fn beyond_doubt(triangles: &[[DVec3; 3]], from: DVec3, to: DVec3) -> Option<bool
     blocked
 }
 
+/// Segments whose answers are known, asked again many at a time.
+#[derive(Default)]
+struct Together {
+    segments: Vec<[DVec3; 2]>,
+    want: Vec<bool>,
+}
+
+impl Together {
+    fn add(&mut self, tree: &Occluders<'_>, segment: [DVec3; 2], want: bool) {
+        self.segments.push(segment);
+        self.want.push(want);
+        // Not a multiple of anything that they may be divided into.
+        if self.segments.len() == 203 {
+            let mut hidden = vec![true; 5];
+            tree.occluded_each(&self.segments, NOTHING, &mut hidden);
+            assert_eq!(hidden, self.want, "{:?}", self.segments);
+            self.segments.clear();
+            self.want.clear();
+        }
+    }
+}
+
 /// A ray of one of many kinds: random, parallel to an axis with zeros of both signs, from afar.
 fn random_direction(rng: &mut Rng) -> DVec3 {
     match rng.bits() % 4 {
@@ -180,6 +203,7 @@ const PLACES: [(f64, f64); 5] = [
 #[test]
 fn hierarchy_answers_as_brute_force() {
     let mut hits = 0;
+    let mut hidden = Vec::new();
     for (case, (scale, offset)) in PLACES.into_iter().enumerate() {
         let rng = &mut Rng::new(case as u64);
         let offset = offset * DVec3::new(1.0, -0.7, 0.3);
@@ -213,6 +237,18 @@ fn hierarchy_answers_as_brute_force() {
                 brute.occluded(from, to, ignore),
                 "case {case}, ray {ray}: {from:?} to {to:?}"
             );
+            // Neighbours of like direction, as from one texel to one light.
+            let segments: Vec<[DVec3; 2]> = (0..11)
+                .map(|_| [from, to + 0.05 * length * random_point(rng)])
+                .collect();
+            tree.occluded_each(&segments, ignore, &mut hidden);
+            for (&[from, to], &hidden) in segments.iter().zip(&hidden) {
+                assert_eq!(
+                    hidden,
+                    brute.occluded(from, to, ignore),
+                    "case {case}, ray {ray}: {from:?} to {to:?} among others"
+                );
+            }
             let limit = if ray % 2 == 0 { f64::INFINITY } else { length };
             let want = brute.closest(from, direction, limit, ignore);
             assert_eq!(
@@ -245,6 +281,7 @@ fn a_million_rays_are_answered_as_by_brute_force() {
         triangles.extend([[a, b, c], [a, c, d]]);
         let scene = soup(&triangles);
         let (tree, brute) = (Occluders::build(&scene), BruteForce::build(&scene));
+        let mut together = Together::default();
         for ray in 0..200_000usize {
             let direction = random_direction(rng);
             let [a, b, c] = triangles[ray % triangles.len()];
@@ -264,6 +301,7 @@ fn a_million_rays_are_answered_as_by_brute_force() {
                     "case {case}, ray {ray}: {from:?} to {to:?}"
                 );
                 hits += usize::from(want);
+                together.add(&tree, [from, to], want);
             } else {
                 let want = brute.closest(from, direction, 3.0 * scale, NOTHING);
                 assert_eq!(
@@ -311,6 +349,7 @@ fn a_closed_mesh_lets_no_ray_through_its_edges_and_vertices() {
         let triangles = sphere(centre, scale, 24);
         let scene = soup(&triangles);
         let (tree, brute) = (Occluders::build(&scene), BruteForce::build(&scene));
+        let mut together = Together::default();
         for ray in 0..200_000usize {
             let triangle = &triangles[ray % triangles.len()];
             let target = match ray % 3 {
@@ -329,6 +368,7 @@ fn a_closed_mesh_lets_no_ray_through_its_edges_and_vertices() {
                 tree.occluded(from, to, NOTHING),
                 "case {case}, ray {ray} leaks: {from:?} to {to:?}"
             );
+            together.add(&tree, [from, to], true);
             let hit = tree.closest(from, direction, f64::INFINITY, NOTHING);
             assert!(
                 hit.is_some_and(|hit| !hit.front),

@@ -33,6 +33,9 @@ const SHARE_OF_LEFT_OUT: f64 = 0.25;
 /// Texels that are looked at to know how bright a page is.
 const PROBES: usize = 256;
 
+/// Share of them that is no brighter than the page is taken to be.
+const BRIGHT: f64 = 0.98;
+
 /// A quantity of a texel that is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Channel {
@@ -153,27 +156,26 @@ impl<'a> Evaluation<'a> {
         Ok(self.field(texels, &tiles))
     }
 
-    /// About the largest irradiance of a page in lux: the largest of a few hundred texels with nothing in the way of any light.
+    /// About the largest irradiance of a page in lux: what [`BRIGHT`] of a few hundred texels stay below with nothing in the way of any
+    /// light. Not the very largest: one texel a hand's breadth from a point light would make every other error small.
     fn brightness(&self, texels: &Texels) -> f64 {
         let step = texels.texels.len().div_ceil(PROBES).max(1);
-        texels
+        let mut found: Vec<f64> = texels
             .texels
             .iter()
             .step_by(step)
             .map(|texel| {
                 let receiver = receiver(texels.page, texel);
-                let sum: DVec3 = self
-                    .lights
-                    .polygons
-                    .iter()
-                    .map(|light| {
-                        let sums = transport::unoccluded(light, &receiver, false);
-                        light.radiance * sums.g.dot(receiver.normal).max(0.0)
-                    })
-                    .sum();
-                sum.max_element()
+                transport::unoccluded_irradiance(self.lights, &receiver).max_element()
             })
-            .fold(0.0, f64::max)
+            .collect();
+        found.sort_by(f64::total_cmp);
+        let place = (BRIGHT * found.len() as f64) as usize;
+        found
+            .get(place)
+            .or(found.last())
+            .copied()
+            .unwrap_or_default()
     }
 
     fn tile(&self, texels: &Texels, tile: &Tile, options: &transport::Options) -> TileLight {

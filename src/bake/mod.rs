@@ -35,6 +35,9 @@ pub struct Options {
     pub transport: transport::Options,
     /// Target error of E relative to the page's maximum. Range: 1e-6..=1. Default: 0.004, one step of 255.
     pub tolerance: f64,
+    /// Share of a receiver's light below which a light is tested by one shadow ray at most, see [`transport::Options::direct_threshold`].
+    /// Range: 0..=1. Default: `None`, the tolerance. Bakes with derivatives integrate every light.
+    pub direct_threshold: Option<f64>,
     /// Stores the light vector even when no material has a normal texture. Default: false.
     pub directional: bool,
     /// Stores 32-bit floats instead of halves everywhere. Default: false.
@@ -50,6 +53,7 @@ impl Default for Options {
             lights: lights::Options::default(),
             transport: transport::Options::default(),
             tolerance: 0.004,
+            direct_threshold: None,
             directional: false,
             float: false,
             outputs: None,
@@ -89,7 +93,22 @@ impl Options {
         check_range("page", f64::from(self.atlas.page), (64.0, 16384.0))?;
         check_range("padding", f64::from(self.atlas.padding), (2.0, 64.0))?;
         let samples = f64::from(self.transport.samples);
-        check_range("samples", samples, (1.0, 65536.0))
+        check_range("samples", samples, (1.0, 65536.0))?;
+        let threshold = self.direct_threshold.unwrap_or(0.0);
+        check_range("direct-threshold", threshold, (0.0, 1.0))?;
+        let certainty = self.transport.direct_certainty;
+        check_range("direct-certainty", certainty, (0.0, 1.0))?;
+        check_range("light-radius", self.lights.light_radius, (0.0, 1e3))?;
+        let sun_angle = self.lights.sun_angle.to_degrees();
+        check_range("sun-angle", sun_angle, (0.0, 90.0))
+    }
+}
+
+impl Options {
+    fn asks_for(&self, output: Output) -> bool {
+        self.outputs
+            .as_ref()
+            .is_some_and(|outputs| outputs.contains(&output))
     }
 }
 
@@ -288,7 +307,8 @@ pub fn probe(
         let lights = lights::collect(scene, &options.lights);
         let occluders = Occluders::build(scene);
         let transport_options = transport::Options {
-            gradients: true,
+            gradients: options.direct_threshold.is_none(),
+            direct_threshold: options.direct_threshold.unwrap_or(0.0),
             ..options.transport.clone()
         };
         let done = AtomicU64::new(0);

@@ -4,6 +4,7 @@ use super::{Options, Output};
 use crate::lights::Lights;
 use crate::output;
 use crate::scene::Alpha;
+use crate::scene::Material;
 use crate::scene::Scene;
 use crate::transport;
 
@@ -47,6 +48,7 @@ impl Plan {
     pub(super) fn transport(&self, options: &Options) -> transport::Options {
         transport::Options {
             gradients: self.writes(Output::Gradient),
+            direct_threshold: options.direct_threshold.unwrap_or(options.tolerance),
             ..options.transport.clone()
         }
     }
@@ -74,43 +76,59 @@ pub fn plan(scene: &Scene, lights: &Lights, options: &Options) -> Plan {
         decisions: Vec::new(),
         outputs: Vec::new(),
     };
-    decide_light(&mut plan, scene, lights);
+    decide_light(&mut plan, scene, lights, options);
     decide_files(&mut plan, scene, lights, options);
     plan
 }
 
-fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights) {
+fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Options) {
     let n_polygons = lights.polygons.len();
     plan.decide(
         "area lights",
         n_polygons > 0,
         if n_polygons > 0 {
             let n_triangles: usize = lights.polygons.iter().map(|p| p.surface.len()).sum();
-            format!("{n_triangles} emissive triangles make {n_polygons} polygons")
+            let n_authored = scene.area_lights.len();
+            let n_own = n_polygons - n_authored.min(n_polygons);
+            match n_authored {
+                0 => format!("{n_triangles} emissive triangles make {n_polygons} polygons"),
+                _ => format!("{n_triangles} emissive triangles make {n_own} polygons; {n_authored} are authored (EXT_lights_area)"),
+            }
         } else {
             "no material emits".to_owned()
         },
     );
-    if n_polygons > 1 {
+    decide_punctual(plan, scene, lights);
+    if lights.len() > 1 {
         plan.decide(
             "dim lights",
             false,
             "where lights together can add no more than a quarter of the tolerance to a tile, they are left out there and counted as error",
         );
     }
-    let n_punctual = scene.punctual_lights.len();
-    plan.decide(
-        "punctual lights",
-        false,
-        if n_punctual > 0 {
-            format!("{n_punctual} are in the scene; they are read but this version does not bake them yet")
-        } else {
-            "none in the scene".to_owned()
-        },
-    );
+    if lights.len() >= transport::MANY_LIGHTS {
+        let threshold = options.direct_threshold.unwrap_or(options.tolerance);
+        let gradients = options.asks_for(Output::Gradient);
+        plan.decide(
+            "adaptive shadow testing",
+            threshold > 0.0 && !gradients,
+            if gradients {
+                "derivatives were asked for, so every light is integrated".to_owned()
+            } else if threshold > 0.0 {
+                format!(
+                    "of {} lights those that could give a tile less than {threshold} of its light are tested by one ray at most",
+                    lights.len()
+                )
+            } else {
+                "--direct-threshold 0: every light is integrated".to_owned()
+            },
+        );
+    }
     plan.decide("sky", false, "this version does not bake skies yet");
 
-    let n_masked = count_triangles(scene, |alpha| matches!(alpha, Alpha::Mask { .. }));
+    let n_masked = count_triangles(scene, |material| {
+        matches!(material.alpha, Alpha::Mask { .. })
+    });
     plan.decide(
         "alpha test",
         n_masked > 0,
@@ -120,14 +138,49 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights) {
             "no material has alphaMode MASK".to_owned()
         },
     );
-    let n_blended = count_triangles(scene, |alpha| alpha == Alpha::Blend);
-    if n_blended > 0 {
+    let n_translucent = count_triangles(scene, Material::is_translucent);
+    plan.decide(
+        "tinted shadows",
+        n_translucent > 0,
+        if n_translucent > 0 {
+            format!("light passes through {n_translucent} triangles (BLEND, transmission); lights behind them are sampled")
+        } else {
+            "no material lets light through".to_owned()
+        },
+    );
+}
+
+fn decide_punctual(plan: &mut Plan, scene: &Scene, lights: &Lights) {
+    let n_authored = scene.punctual_lights.len();
+    let soft = lights.points.iter().filter(|point| point.radius > 0.0);
+    let n_soft = soft.count() + lights.distant.len();
+    let n_hard = lights.points.len() + lights.distant.len() + lights.suns.len() - n_soft;
+    plan.decide(
+        "penumbrae of punctual lights",
+        n_soft > 0,
+        if n_soft > 0 {
+            format!("{n_soft} have a size (--sun-angle, --light-radius, extras)")
+        } else if n_authored > 0 {
+            "none has a size (--sun-angle, --light-radius, extras)".to_owned()
+        } else {
+            "no punctual light in the scene".to_owned()
+        },
+    );
+    plan.decide(
+        "hard shadows",
+        n_hard > 0,
+        if n_hard > 0 {
+            format!("{n_hard} punctual lights have no size: one ray per texel where something may stand in the way")
+        } else {
+            "no light is a point".to_owned()
+        },
+    );
+    let n_dark = n_authored - n_soft - n_hard;
+    if n_dark > 0 {
         plan.decide(
-            "tinted shadows",
+            "punctual lights without intensity",
             false,
-            format!(
-                "{n_blended} triangles have alphaMode BLEND; in this version they cast no shadow"
-            ),
+            format!("{n_dark} of them give no light"),
         );
     }
 }
@@ -158,13 +211,13 @@ fn decide_files(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
     plan.decide_file(
         "fluence",
         Output::Phi,
-        directional && !lights.polygons.is_empty(),
+        directional && !lights.is_empty(),
         if !directional {
             "no light vector to complete"
-        } else if lights.polygons.is_empty() {
+        } else if lights.is_empty() {
             "no light"
         } else {
-            "lights have area, so the light vector alone underestimates tilted normals"
+            "light from several sides or a wide one: the light vector alone underestimates tilted normals"
         },
     );
     plan.decide_file(
@@ -193,10 +246,10 @@ fn decide_files(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
     );
 }
 
-fn count_triangles(scene: &Scene, test: impl Fn(Alpha) -> bool) -> usize {
+fn count_triangles(scene: &Scene, test: impl Fn(&Material) -> bool) -> usize {
     scene
         .triangles
         .iter()
-        .filter(|triangle| test(scene.materials[triangle.material as usize].alpha))
+        .filter(|triangle| test(&scene.materials[triangle.material as usize]))
         .count()
 }

@@ -24,12 +24,13 @@ pub(super) fn find(scene: &Scene, warnings: &mut Warnings) -> Vec<Emitter> {
         .iter()
         .map(|material| {
             let shines = material.emissive.max_element() > 0.0;
-            let pictures = [&material.emissive_texture, &material.base_color_texture]
-                .into_iter()
-                .flatten()
-                .any(|texture| texture.image.is_some());
+            let picture = &material.emissive_texture;
+            let pictured = picture
+                .as_ref()
+                .is_some_and(|texture| texture.image.is_some());
+            // The base colour matters where its alpha cuts.
             let masked = matches!(material.alpha, Alpha::Mask { .. });
-            shines.then_some(pictures || masked)
+            shines.then_some(pictured || masked)
         })
         .collect();
     let mut emitters: Vec<Emitter> = (0..scene.triangles.len() as u32)

@@ -15,17 +15,24 @@
 //! piece shines with its mean, so the flux is kept. Neighbouring pieces of the same radiance become one polygon again, and black ones
 //! are left out.
 //!
+//! Authored lights ([`Point`], [`Sun`]) are hard unless they are given a size: then they are spheres, or polygons at infinity ([`Distant`]),
+//! and have penumbrae like any surface.
+//!
 //! A masked emitter does not shine where it is cut away: that is one more texture. A blended one shines as if it were opaque.
 
 mod contour;
+pub mod disc;
 mod emission;
 mod merge;
+mod punctual;
 pub mod sky;
 mod split;
 
 use glam::DVec3;
 
+pub use self::punctual::{Cone, Distant, Point, Sun};
 use crate::error::Warnings;
+use crate::math::Aabb;
 use crate::scene::Scene;
 
 /// How emission becomes lights.
@@ -38,6 +45,10 @@ pub struct Options {
     /// Times a textured triangle may be halved, in all. Range: 1..=1e6. Default: 4096. When it is reached, the rest keeps its mean, and
     /// a warning says so.
     pub max_texture_splits: usize,
+    /// Radius in metres of point and spot lights whose node gives none. Range: 0..=1e3. Default: 0, hard shadows.
+    pub light_radius: f64,
+    /// Angular diameter in radians of directional lights whose node gives none. Range: 0..=π/2. Default: 0.53°, the sun's; 0 is hard.
+    pub sun_angle: f64,
 }
 
 impl Default for Options {
@@ -45,6 +56,8 @@ impl Default for Options {
         Self {
             texture_tolerance: 0.1,
             max_texture_splits: 4096,
+            light_radius: 0.0,
+            sun_angle: 0.53_f64.to_radians(),
         }
     }
 }
@@ -52,8 +65,16 @@ impl Default for Options {
 /// All lights of a scene.
 #[derive(Debug, Default)]
 pub struct Lights {
-    /// Emissive surfaces, in the order of their first triangle.
+    /// Emissive surfaces, in the order of their first triangle, then authored area lights, which have no triangles of the scene.
     pub polygons: Vec<Polygon>,
+    /// Suns with a diameter.
+    pub distant: Vec<Distant>,
+    /// Points and spots, in the order of their nodes.
+    pub points: Vec<Point>,
+    /// Suns without a diameter.
+    pub suns: Vec<Sun>,
+    /// Middle of a sphere around the scene, world metres, and its radius: what is at infinity lies beyond.
+    pub extent: (DVec3, f64),
     /// What was odd.
     pub warnings: Warnings,
 }
@@ -87,8 +108,34 @@ pub fn collect(scene: &Scene, options: &Options) -> Lights {
     let mut warnings = Warnings::default();
     let emitters = emission::find(scene, &mut warnings);
     let pieces = split::uniform_pieces(scene, &emitters, options, &mut warnings);
+    let (points, distant, suns) = punctual::collect(&scene.punctual_lights, options);
+    let bounds = Aabb::from_points(scene.triangles.iter().flat_map(|t| t.vertices));
+    let mut polygons = merge::polygons(&pieces);
+    polygons.extend(scene.area_lights.iter().filter_map(punctual::surface_of));
     Lights {
-        polygons: merge::polygons(&pieces),
+        polygons,
+        distant,
+        points,
+        suns,
+        extent: if bounds.is_empty() {
+            (DVec3::ZERO, 0.0)
+        } else {
+            (bounds.centre(), 0.5 * bounds.diagonal())
+        },
         warnings,
+    }
+}
+
+impl Lights {
+    /// How many there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.polygons.len() + self.distant.len() + self.points.len() + self.suns.len()
+    }
+
+    /// Whether nothing shines.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
     }
 }

@@ -29,6 +29,7 @@ pub(super) fn assemble(
         images,
         triangles,
         punctual_lights: Vec::new(),
+        area_lights: Vec::new(),
         source: Source {
             json: serde_json::json!({"asset": {"version": "2.0"}}),
             buffers: Vec::new(),

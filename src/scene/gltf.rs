@@ -16,7 +16,7 @@ use super::light;
 use super::material;
 use super::material::{Draft, Material};
 use super::node::Hierarchy;
-use super::{Instance, Mesh, Options, PunctualLight, Scene};
+use super::{AreaLight, Instance, Mesh, Options, PunctualLight, Scene};
 use crate::error::{Result, Warnings};
 
 /// Distance from the origin, in metres, beyond which f32 coordinates are a decimetre apart and more.
@@ -62,6 +62,7 @@ pub fn load(path: &Path, options: &Options) -> Result<Scene> {
         images: contents.images,
         triangles,
         punctual_lights: contents.punctual_lights,
+        area_lights: contents.area_lights,
         source,
         warnings,
     })
@@ -74,6 +75,7 @@ struct Contents {
     materials: Vec<Material>,
     images: Vec<Image>,
     punctual_lights: Vec<PunctualLight>,
+    area_lights: Vec<AreaLight>,
 }
 
 fn read(document: &Document<'_>, options: &Options, warnings: &mut Warnings) -> Result<Contents> {
@@ -82,12 +84,14 @@ fn read(document: &Document<'_>, options: &Options, warnings: &mut Warnings) -> 
     let drafts = material::read(document, warnings)?;
     let (materials, images) = decode_images(document, drafts, &meshes, warnings);
     let punctual_lights = light::collect(document, &hierarchy, warnings)?;
+    let area_lights = light::collect_areas(document, &hierarchy, warnings)?;
     Ok(Contents {
         meshes,
         instances,
         materials,
         images,
         punctual_lights,
+        area_lights,
     })
 }
 

@@ -21,7 +21,7 @@ pub struct Material {
     pub name: String,
     /// Linear RGBA factor of the base colour, finite.
     pub base_color: [f32; 4],
-    /// Base colour texture; its image is decoded only for [`Alpha::Mask`].
+    /// Base colour texture; its image is decoded only for [`Alpha::Mask`] and where light passes through.
     pub base_color_texture: Option<Texture>,
     /// Emitted radiance in nit: factor × strength, finite and not negative. Zero when it emits nothing.
     pub emissive: Vec3,
@@ -29,6 +29,9 @@ pub struct Material {
     pub emissive_texture: Option<Texture>,
     /// What light passes through.
     pub alpha: Alpha,
+    /// Share of the light that passes through the surface as through glass (`KHR_materials_transmission`; its texture is not looked at),
+    /// in [0, 1].
+    pub transmission: f32,
     /// Whether the back is a surface too (it emits, and it is lit when seen).
     pub double_sided: bool,
     /// Whether it has a normal texture, so that a direction-free irradiance would lose its relief.
@@ -47,7 +50,7 @@ pub enum Alpha {
         /// Threshold in [0, 1] (glTF allows more: then nothing is left).
         cutoff: f32,
     },
-    /// Blended; blocks nothing yet.
+    /// Lets light through, tinted by what it does not cover.
     Blend,
 }
 
@@ -61,10 +64,19 @@ impl Default for Material {
             emissive: Vec3::ZERO,
             emissive_texture: None,
             alpha: Alpha::Opaque,
+            transmission: 0.0,
             double_sided: false,
             normal_mapped: false,
             unlit: false,
         }
+    }
+}
+
+impl Material {
+    /// Whether light passes through it, as opposed to through its holes.
+    #[must_use]
+    pub fn is_translucent(&self) -> bool {
+        self.alpha == Alpha::Blend || self.transmission > 0.0
     }
 }
 
@@ -82,7 +94,8 @@ impl Draft {
     pub(super) fn needed_images(&self) -> impl Iterator<Item = usize> {
         let masked = matches!(self.material.alpha, Alpha::Mask { .. });
         let emits = self.material.emissive != Vec3::ZERO;
-        let base_color = self.base_color_source.filter(|_| masked);
+        let translucent = self.material.is_translucent();
+        let base_color = self.base_color_source.filter(|_| masked || translucent);
         let emissive = self.emissive_source.filter(|_| emits);
         base_color.into_iter().chain(emissive)
     }
@@ -141,6 +154,7 @@ fn read_one(document: &Document<'_>, index: usize, warnings: &mut Warnings) -> R
             emissive: emissive(document, &material, extensions, &place, warnings)?,
             emissive_texture: emissive_texture.map(|pending| pending.texture),
             alpha: alpha_mode(&material, &place, warnings),
+            transmission: transmission(document, extensions, &place)?,
             double_sided: material.double_sided,
             normal_mapped: material.normal_texture.is_some(),
             unlit: texture::others(extensions, "KHR_materials_unlit").is_some(),
@@ -207,6 +221,28 @@ fn emissive(
     Ok(settled)
 }
 
+fn transmission(
+    document: &Document<'_>,
+    extensions: Option<&Map<String, Value>>,
+    place: &str,
+) -> Result<f32> {
+    const NAME: &str = "KHR_materials_transmission";
+    #[derive(Deserialize)]
+    struct Transmission {
+        #[serde(rename = "transmissionFactor", default)]
+        factor: f32,
+    }
+    let Some(value) = texture::others(extensions, NAME) else {
+        return Ok(0.0);
+    };
+    let parsed: Transmission = document.parse(value, || format!("{place}.extensions.{NAME}"))?;
+    Ok(if parsed.factor > 0.0 {
+        parsed.factor.min(1.0)
+    } else {
+        0.0
+    })
+}
+
 fn alpha_mode(material: &json::Material, place: &str, warnings: &mut Warnings) -> Alpha {
     match material.alpha_mode {
         Checked::Valid(AlphaMode::Opaque) => Alpha::Opaque,
@@ -242,6 +278,28 @@ pub(super) fn alpha(scene: &Scene, triangle: u32, weights: [f64; 3]) -> f32 {
             .sum::<f64>();
     }
     alpha.clamp(0.0, 1.0) as f32
+}
+
+/// See [`Scene::transmittance`].
+pub(super) fn transmittance(scene: &Scene, triangle: u32, weights: [f64; 3]) -> DVec3 {
+    let at = &scene.triangles[triangle as usize];
+    let material = &scene.materials[at.material as usize];
+    let alpha = if material.alpha == Alpha::Blend {
+        f64::from(alpha(scene, triangle, weights))
+    } else {
+        1.0
+    };
+    if alpha == 0.0 {
+        return DVec3::ONE;
+    }
+    let [r, g, b, _] = material.base_color.map(f64::from);
+    let mut color = DVec3::new(r, g, b);
+    if let Some(texture) = &material.base_color_texture {
+        let primitive = primitive_of(scene, at.instance, at.primitive);
+        color *= texture.rgb(&scene.images, primitive, at, weights);
+    }
+    let share = 1.0 - alpha * (1.0 - f64::from(material.transmission));
+    (color * share).clamp(DVec3::ZERO, DVec3::ONE)
 }
 
 /// See [`Scene::emission`].

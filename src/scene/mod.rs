@@ -80,6 +80,8 @@ pub struct Scene {
     pub triangles: Vec<Triangle>,
     /// Authored lights (`KHR_lights_punctual`), in world space.
     pub punctual_lights: Vec<PunctualLight>,
+    /// Authored lights with a surface of their own (the draft `EXT_lights_area`), in world space.
+    pub area_lights: Vec<AreaLight>,
     /// The document itself, for the stage that writes it again.
     pub source: Source,
     /// What was odd.
@@ -170,7 +172,7 @@ impl Triangle {
     }
 }
 
-/// A light of `KHR_lights_punctual`, in world space. Read, not yet baked.
+/// A light of `KHR_lights_punctual`, in world space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PunctualLight {
     /// Authored name, else `light<index>`.
@@ -185,6 +187,28 @@ pub struct PunctualLight {
     pub direction: DVec3,
     /// What shape its light has.
     pub kind: PunctualKind,
+    /// Point and spot: radius in metres, directional: angular diameter in radians, where the node's extras give one; 0 is hard.
+    pub size: Option<f64>,
+}
+
+/// A light of the draft extension `EXT_lights_area`, in world space: a plane surface that nobody sees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AreaLight {
+    /// Authored name, else `area light<index>`.
+    pub name: String,
+    /// Index in the document's `nodes`.
+    pub node: usize,
+    /// Nit, linear RGB, colour included.
+    pub radiance: DVec3,
+    /// World metres.
+    pub centre: DVec3,
+    /// From the centre to the middle of a side (of a disc: to its border), world metres; perpendicular to each other. It shines along
+    /// `half_height` × `half_width`.
+    pub half_width: DVec3,
+    /// See `half_width`.
+    pub half_height: DVec3,
+    /// Whether it is a disc.
+    pub is_disc: bool,
 }
 
 /// Shape of a punctual light.
@@ -250,6 +274,15 @@ impl Scene {
     #[must_use]
     pub fn alpha(&self, triangle: u32, weights: [f64; 3]) -> f32 {
         material::alpha(self, triangle, weights)
+    }
+
+    /// Share of the light that passes through a surface point of a translucent material, per channel in [0, 1]: base colour × (1 − alpha),
+    /// or × the transmission factor. All of it where alpha is 0: there is no surface.
+    ///
+    /// `triangle` indexes [`Scene::triangles`]; `weights` are the barycentric weights of its `vertices`.
+    #[must_use]
+    pub fn transmittance(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {
+        material::transmittance(self, triangle, weights)
     }
 
     /// Emission of a surface point, in nit: emissive factor × texture × `KHR_materials_emissive_strength`.

@@ -37,6 +37,8 @@ pub(super) struct Extensions {
     pub(super) instancing: Option<Instancing>,
     #[serde(rename = "KHR_lights_punctual")]
     pub(super) light: Option<LightReference>,
+    #[serde(rename = "EXT_lights_area")]
+    pub(super) area_light: Option<LightReference>,
     #[serde(rename = "KHR_node_visibility")]
     visibility: Option<Visibility>,
 }

@@ -74,6 +74,18 @@ impl Sums {
         rounding: 0.0,
     };
 
+    /// Multiplies the light by a `share` that changes by `slope` per metre.
+    pub(super) fn attenuate(&mut self, share: f64, slope: DVec3) {
+        self.j = self.j * share + outer(self.g, slope);
+        self.grad_phi = self.grad_phi * share + self.phi * slope;
+        if !self.has_gradient {
+            (self.j, self.grad_phi) = (DMat3::ZERO, DVec3::ZERO);
+        }
+        self.g *= share;
+        self.phi *= share;
+        self.rounding *= share;
+    }
+
     /// The same light without derivatives.
     #[must_use]
     pub fn without_gradient(self) -> Self {
@@ -105,6 +117,12 @@ const CONTACT: f64 = 1e-9;
 /// G; A. van Oosterom and J. Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983), for φ.
 #[must_use]
 pub fn sum(pieces: &[Piece], normal: DVec3, gradients: bool) -> Sums {
+    sum_moved(pieces, normal, gradients, 0.0)
+}
+
+/// [`sum`] when rounding may have moved every piece by `shift` metres: each then sweeps its angle times that distance as seen from the
+/// receiver, which enters the error.
+pub(super) fn sum_moved(pieces: &[Piece], normal: DVec3, gradients: bool, shift: f64) -> Sums {
     let mut sums = Sums {
         has_gradient: gradients,
         ..Sums::DARK
@@ -121,13 +139,14 @@ pub fn sum(pieces: &[Piece], normal: DVec3, gradients: bool) -> Sums {
         }
         sums.phi += edge.solid_angle(normal);
         sums.g += edge.w * (edge.beta / (2.0 * edge.s));
-        sums.rounding += edge.beta * edge.uncertainty();
+        let nearest = edge.length_a.min(edge.length_b).max(shift);
+        sums.rounding += edge.beta * (TERM_ROUNDING * edge.uncertainty() + shift / nearest);
         if sums.has_gradient && !piece.horizon {
             sums.j += edge.jacobian();
             sums.grad_phi += edge.solid_angle_gradient();
         }
     }
-    sums.rounding = (TERM_ROUNDING * sums.rounding).min(PI);
+    sums.rounding = sums.rounding.min(PI);
     if sums.has_gradient {
         sums
     } else {

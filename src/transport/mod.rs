@@ -7,10 +7,12 @@
 
 mod clip;
 pub mod contour;
+mod cost;
 mod distant;
 mod exact;
 mod frame;
 mod gather;
+mod minor;
 mod outline;
 mod pair;
 mod sampled;
@@ -23,9 +25,11 @@ use glam::{DMat3, DVec3};
 
 pub use self::contour::Sums;
 pub use self::gather::gather;
+pub use self::minor::MANY_LIGHTS;
 use self::source::Source;
 pub use self::vedel::Options as VedelOptions;
-use crate::lights::Polygon;
+use crate::lights::{Lights, Polygon};
+use crate::math::Aabb;
 
 /// How light is evaluated.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +44,13 @@ pub struct Options {
     /// Irradiance in lux that may be missing: per tile the dimmest lights are left out as long as upper bounds of what they give sum up
     /// to no more. The sum enters [`Sample::error`]; derivatives lack those lights too. Range: 0 and more. Default: 0, all lights count.
     pub negligible: f64,
+    /// Lights that could give a receiver no more than this share of all its light are tested by one shadow ray at most, and none once what
+    /// is left to test is below this share of what is known; what is not tested is added as often as the tile sees it, and counted as error.
+    /// Radiance's `-dt`. Range: 0..=1; 0 integrates every light. Not with `gradients`. Default: 0.
+    pub direct_threshold: f64,
+    /// How many of the n lights left to test are compared with the threshold before testing stops: the largest n to this power. Radiance's
+    /// `-dc`. Range: 0 (the next alone)..=1 (all of them: the bound holds). Default: 0.5.
+    pub direct_certainty: f64,
     /// How [`Estimator::Vedel`] looks.
     pub vedel: VedelOptions,
     /// Whether to evaluate `j` and `grad_phi`.
@@ -56,6 +67,8 @@ impl Default for Options {
             samples: 64,
             accepted_error: 0.0,
             negligible: 0.0,
+            direct_threshold: 0.0,
+            direct_certainty: 0.5,
             vedel: VedelOptions::default(),
             gradients: true,
             appendix_derivative: false,
@@ -68,7 +81,8 @@ impl Default for Options {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Estimator {
-    /// Exact contours, except where a masked occluder makes them wrong or very many edges make them dearer than rays.
+    /// Exact contours, except where a masked occluder makes them wrong, or where counted edges make them dearer than the rays that
+    /// would meet [`Options::accepted_error`].
     Auto,
     /// The contour of the visible part, clipped exactly; no rays, noise-free, with derivatives. Lights behind masked occluders are sampled.
     Exact,
@@ -153,14 +167,26 @@ pub struct Counters {
     pub pairs: u64,
     /// Pairs that were left out because the light cannot give the tile more than [`Options::negligible`].
     pub pairs_negligible: u64,
+    /// Pairs of which the light matters little: tested by one ray per point at most.
+    pub pairs_minor: u64,
+    /// Lights that a point did not test: added as often as its tile sees them.
+    pub lights_untested: u64,
     /// Pairs that cannot see each other: below the horizon of the whole tile, or behind the light.
     pub pairs_facing_away: u64,
     /// Pairs with an empty shaft: closed form, no ray.
     pub pairs_unoccluded: u64,
+    /// Pairs of which the light has no size: a ray per point.
+    pub pairs_hard: u64,
+    /// Pairs with glass in between: sampled, or tested by one ray when the light has no size.
+    pub pairs_tinted: u64,
     /// Pairs whose visible contour was clipped exactly.
     pub pairs_exact: u64,
     /// Candidate silhouette edges of those pairs.
     pub edges: u64,
+    /// Silhouette edges that reached before a light, summed over the evaluations of those pairs.
+    pub silhouettes: u64,
+    /// Places where those met each other or the light's border, summed likewise.
+    pub crossings: u64,
     /// Pairs that were sampled.
     pub pairs_sampled: u64,
     /// Pairs that were traced as Vedel does.
@@ -178,10 +204,16 @@ impl Counters {
         self.shadow_rays += other.shadow_rays;
         self.pairs += other.pairs;
         self.pairs_negligible += other.pairs_negligible;
+        self.pairs_minor += other.pairs_minor;
+        self.lights_untested += other.lights_untested;
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
+        self.pairs_hard += other.pairs_hard;
+        self.pairs_tinted += other.pairs_tinted;
         self.pairs_exact += other.pairs_exact;
         self.edges += other.edges;
+        self.silhouettes += other.silhouettes;
+        self.crossings += other.crossings;
         self.pairs_sampled += other.pairs_sampled;
         self.pairs_vedel += other.pairs_vedel;
         self.pairs_traced += other.pairs_traced;
@@ -200,4 +232,19 @@ pub fn unoccluded(polygon: &Polygon, receiver: &Receiver, gradients: bool) -> Su
     Source::new(polygon)
         .unoccluded(receiver, gradients, &mut Vec::new())
         .map_or(Sums::DARK, |light| light.sums)
+}
+
+/// The irradiance in lux of all `lights` at `receiver`, at its own normal, when nothing stands in the way.
+#[must_use]
+pub fn unoccluded_irradiance(lights: &Lights, receiver: &Receiver) -> DVec3 {
+    let places = Aabb::from_points([receiver.position]);
+    let mut pieces = Vec::new();
+    Source::all(lights, &places)
+        .iter()
+        .filter_map(|source| {
+            let light = source.unoccluded(receiver, false, &mut pieces)?;
+            let (share, _) = source.attenuation(receiver.position);
+            Some(source.strength * (share * light.sums.g.dot(receiver.normal).max(0.0)))
+        })
+        .sum()
 }

@@ -1,7 +1,5 @@
 //! Which lights matter to a tile: those that can hardly be noticed there are left out, and what they could add at most is accounted for.
 
-use glam::DVec3;
-
 use super::Receiver;
 use super::source::Source;
 use crate::math::Aabb;
@@ -49,29 +47,4 @@ pub(super) fn select(sources: &[Source<'_>], tile: &[Receiver], negligible: f64)
         .collect();
     selection.lights.sort_unstable();
     selection
-}
-
-impl Source<'_> {
-    /// Upper bound in lux of the irradiance that this light can give, brightest channel, to any receiver within `radius` metres of
-    /// `centre`, whatever stands in the way: radiance × area × cosine at the light / distance², and never more than π × radiance.
-    fn irradiance_bound(&self, centre: DVec3, radius: f64) -> f64 {
-        let (light_centre, light_radius) = self.sphere();
-        let nearest = (centre.distance(light_centre) - radius - light_radius).max(0.0);
-        let height = self.plane_distance(centre);
-        let highest = if self.polygon.two_sided {
-            height.abs() + radius
-        } else {
-            (height + radius).max(0.0)
-        };
-        let radiance = self.polygon.radiance.max_element();
-        let solid_angle = if nearest > 0.0 {
-            let cosine = (highest / nearest).min(1.0);
-            (self.polygon.area * cosine / (nearest * nearest)).min(std::f64::consts::PI)
-        } else if highest > 0.0 {
-            std::f64::consts::PI
-        } else {
-            0.0
-        };
-        radiance * solid_angle
-    }
 }

@@ -20,7 +20,7 @@ impl<'a> BruteForce<'a> {
     pub fn build(scene: &'a Scene) -> Self {
         Self {
             scene,
-            occluding: surface::occluding(scene),
+            occluding: surface::occluding(scene).0,
         }
     }
 
@@ -38,7 +38,7 @@ impl Visibility for BruteForce<'_> {
         };
         self.triangles().any(|(index, vertices)| {
             triangle::separates(vertices, &line, from, to).is_some_and(|crossing| {
-                !ignore(index) && surface::stops(self.scene, index, &crossing)
+                !ignore(index) && surface::is_there(self.scene, index, &crossing)
             })
         })
     }
@@ -60,7 +60,7 @@ impl Visibility for BruteForce<'_> {
             if distance <= max_distance
                 && best.is_none_or(|hit| distance < hit.distance)
                 && !ignore(index)
-                && surface::stops(self.scene, index, &crossing)
+                && surface::is_there(self.scene, index, &crossing)
             {
                 best = Some(Hit {
                     distance,

@@ -18,7 +18,7 @@ use glam::DVec3;
 /// A vertex is a matrix product and a sum (4 roundings), a point of a triangle a weighted sum of three vertices (5), its height another
 /// product and sum (8); 256 leaves a factor of 15 for points that went through a few more transformations. Smaller shadows surfaces by
 /// themselves; larger loses occluders closer than it to an end point: at 1 km from the origin that is 6e-11 m.
-const ROUNDING: f64 = 256.0 * f64::EPSILON;
+pub(super) const ROUNDING: f64 = 256.0 * f64::EPSILON;
 
 /// A line with a direction, prepared for many triangles.
 #[derive(Clone, Copy, Debug)]
@@ -200,25 +200,34 @@ pub(super) fn separates(
     from: DVec3,
     to: DVec3,
 ) -> Option<Crossing> {
-    let [a, b, c] = *triangle;
-    let area_vector = (b - a).cross(c - a);
-    let heights = [area_vector.dot(from - a), area_vector.dot(to - a)];
-    let extent = from.abs().max(to.abs()).max_element();
-    // Both ends on one side, or one on the plane by half the smallest tolerance it can have: most triangles in the line's way are its
-    // ends' own, or beyond them.
-    let small = 0.25 * (ROUNDING * extent).powi(2) * area_vector.length_squared();
-    if (heights[0] > 0.0) == (heights[1] > 0.0)
-        || heights.iter().any(|height| height * height < small)
-    {
+    if !straddles(triangle, from, to) {
         return None;
     }
     let crossing = line.crosses(triangle)?;
+    divides(triangle, from, to).then_some(crossing)
+}
+
+/// Whether the points lie on different sides of the plane of `triangle`.
+pub(super) fn divides(triangle: &[DVec3; 3], from: DVec3, to: DVec3) -> bool {
     let plane = Plane::new(triangle);
+    let extent = from.abs().max(to.abs()).max_element();
     matches!(
         (plane.side(from, extent), plane.side(to, extent)),
         (Side::Front, Side::Back) | (Side::Back, Side::Front)
     )
-    .then_some(crossing)
+}
+
+/// False where both ends are on one side, or one is on the plane by half the smallest tolerance it can have, which spares [`divides`]:
+/// most triangles in the line's way are its ends' own, or beyond them.
+#[inline(always)]
+pub(super) fn straddles(triangle: &[DVec3; 3], from: DVec3, to: DVec3) -> bool {
+    let [a, b, c] = *triangle;
+    let area_vector = (b - a).cross(c - a);
+    let heights = [area_vector.dot(from - a), area_vector.dot(to - a)];
+    let extent = from.abs().max(to.abs()).max_element();
+    let small = 0.25 * (ROUNDING * extent).powi(2) * area_vector.length_squared();
+    (heights[0] > 0.0) != (heights[1] > 0.0)
+        && heights.iter().all(|height| height * height >= small)
 }
 
 /// Distance at which `line`, of unit direction, meets `triangle` ahead of its origin, whether it meets the front, and where.

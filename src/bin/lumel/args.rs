@@ -169,6 +169,9 @@ pub(crate) struct Probe {
 
     #[command(flatten)]
     pub(crate) sampling: Sampling,
+
+    #[command(flatten)]
+    pub(crate) sizes: Sizes,
 }
 
 #[derive(Debug, clap::Args)]
@@ -294,6 +297,28 @@ pub(crate) struct Sampling {
     /// Shadow rays per point and partly hidden light, where light is sampled [default: 64]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole(1..=65536))]
     samples: Option<u32>,
+
+    /// Among 16 lights or more: those that could give less than this share of the light are tested by one shadow ray at most, and none once
+    /// the rest is below this share of what is known; 0 integrates all. Radiance's -dt [default: the tolerance]
+    #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(0.0..=1.0))]
+    direct_threshold: Option<f64>,
+
+    /// How many of the n lights left to test count as the rest: the largest n to the power of X. Radiance's -dc [default: 0.5]
+    #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(0.0..=1.0))]
+    direct_certainty: Option<f64>,
+}
+
+/// How large authored lights are whose nodes do not say it.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Sizes {
+    /// Radius in metres of point and spot lights; 0 casts hard shadows. A node's extras win: `{"lumel": {"radius": 0.1}}` [default: 0]
+    #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(0.0..=1e3))]
+    light_radius: Option<f64>,
+
+    /// Angular diameter in degrees of directional lights; 0 casts hard shadows. A node's extras win, in radians as all of glTF:
+    /// `{"lumel": {"angular_diameter": 0.00925}}` [default: 0.53, the sun's]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = real(0.0..=90.0))]
+    sun_angle: Option<f64>,
 }
 
 /// What decides size and accuracy of a bake.
@@ -326,6 +351,9 @@ pub(crate) struct Quality {
     #[command(flatten)]
     sampling: Sampling,
 
+    #[command(flatten)]
+    sizes: Sizes,
+
     /// Stores the light vector even when no material has a normal map
     #[arg(long)]
     directional: bool,
@@ -349,7 +377,19 @@ impl Probe {
     pub(crate) fn options(&self) -> Options {
         let mut options = Options::default();
         self.sampling.apply(&mut options);
+        self.sizes.apply(&mut options);
         options
+    }
+}
+
+impl Sizes {
+    fn apply(&self, options: &mut Options) {
+        if let Some(radius) = self.light_radius {
+            options.lights.light_radius = radius;
+        }
+        if let Some(degrees) = self.sun_angle {
+            options.lights.sun_angle = degrees.to_radians();
+        }
     }
 }
 
@@ -358,6 +398,10 @@ impl Sampling {
         options.transport.estimator = self.estimator.into();
         if let Some(samples) = self.samples {
             options.transport.samples = samples;
+        }
+        options.direct_threshold = self.direct_threshold;
+        if let Some(certainty) = self.direct_certainty {
+            options.transport.direct_certainty = certainty;
         }
     }
 }
@@ -380,6 +424,7 @@ impl Quality {
             options.tolerance = tolerance;
         }
         self.sampling.apply(&mut options);
+        self.sizes.apply(&mut options);
         options.directional = self.directional;
         options
     }
@@ -577,6 +622,15 @@ mod tests {
             ("padding", defaults.atlas.padding.to_string()),
             ("tolerance", defaults.tolerance.to_string()),
             ("samples", defaults.transport.samples.to_string()),
+            (
+                "direct_certainty",
+                defaults.transport.direct_certainty.to_string(),
+            ),
+            ("light_radius", defaults.lights.light_radius.to_string()),
+            (
+                "sun_angle",
+                format!("{:.2}", defaults.lights.sun_angle.to_degrees()),
+            ),
         ] {
             let argument = bake
                 .get_arguments()
@@ -601,6 +655,10 @@ mod tests {
             ("--page", "64", "16384"),
             ("--padding", "2", "64"),
             ("--samples", "1", "65536"),
+            ("--direct-threshold", "0", "1"),
+            ("--direct-certainty", "0", "1"),
+            ("--light-radius", "0", "1000"),
+            ("--sun-angle", "0", "90"),
         ] {
             for end in [low, high] {
                 if let Err(error) = bake_options(&[option, end]).validate() {

@@ -117,6 +117,8 @@ pub(crate) fn bake_summary(report: &Report, directory: &Path, seconds: f64) -> S
                     - count("pairs_sampled")
                     - count("pairs_traced")
                     - count("pairs_vedel")
+                    - count("pairs_hard")
+                    - count("pairs_minor")
             ),
             number(&light["pairs"]),
         ),

@@ -102,7 +102,7 @@ fn error(scene: &Scene, cells: usize) -> f64 {
         let planes = [(receiver.position, receiver.normal)];
         let shaft = Shaft::new(&planes, &polygon.contours[0], polygon.normal);
         let candidates = occluders.in_shaft(&shaft, &|_| false);
-        let plane = (source.point(), polygon.normal);
+        let plane = (polygon.contours[0][0], polygon.normal);
         let tile = Tile::new(&occluders, candidates, plane).expect("the plate is below the light");
         let mut borders = Vec::new();
         assert!(source.outline(&receiver, receiver.position, &mut borders));
