@@ -33,7 +33,7 @@ const HIDDEN_CRATES: &[(&str, &[&str])] = &[
     ("xatlas_rs", &["atlas"]),
     ("guillotiere", &["atlas"]),
     ("obvhs", &["visibility"]),
-    ("exr", &["output"]),
+    ("exr", &["scene", "output"]),
     ("image", &["scene", "output"]),
     ("tempfile", &["output", "bin"]),
     ("npyz", &["bin"]),

@@ -13,6 +13,7 @@ mod many_lights;
 mod output;
 mod punctual;
 mod scene;
+mod sky;
 mod stiff;
 mod texels;
 mod traced;

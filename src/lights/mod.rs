@@ -25,6 +25,7 @@ pub mod disc;
 mod emission;
 mod merge;
 mod punctual;
+pub mod sky;
 mod split;
 
 use glam::DVec3;

@@ -37,6 +37,9 @@ mod light;
 // Scene → world.
 mod check;
 
+// The light from far away.
+pub mod environment;
+
 use std::path::Path;
 use std::path::PathBuf;
 
@@ -44,6 +47,7 @@ use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 use crate::error::{Result, Warnings};
 
+pub use self::environment::Environment;
 pub use self::gltf::load;
 pub use self::image::Image;
 pub use self::material::{Alpha, Material};

@@ -7,6 +7,7 @@ use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Parser, Subcommand, ValueEnum};
 use lumel::atlas::Uv;
 use lumel::bake::{Options, Output};
+use lumel::lights::sky;
 use lumel::scene;
 use lumel::transport::Estimator;
 
@@ -18,6 +19,7 @@ Examples:
   lumel bake level.glb --preset draft         a quick look, into level.lumel/
   lumel bake level.glb -o out --directional   light vectors even without normal maps
   lumel probe level.glb --points p.csv        the light at single points
+  lumel sky sky.hdr -n 256                    a picture of the sky as 256 directions
 
 Units: metres, Y up, right-handed; radiance in nit, irradiance and fluence in lux.
 
@@ -72,6 +74,24 @@ Examples:
   lumel inspect level.glb
   lumel inspect level.glb --texels-per-metre 16 --json";
 
+const SKY_HELP: &str = "\
+FILE is a latitude-longitude picture, .hdr or .exr, at most 8192 x 4096. Its centre is +X, +Z is right of it, the
+top row is +Y: as three.js, model-viewer and Blender's glTF export have it.
+
+The rule is stored beside it as FILE.sky.json: unit directions, and for the cell of each, the part of the sphere
+nearer to it than to the others,
+  fluence        integral of radiance, lux, linear RGB
+  lightVector    integral of radiance times direction, lux, one vector per colour channel
+  solidAngle     steradians
+together with a hash of the picture and the options. The same command again finds it and does nothing.
+
+Examples:
+  lumel sky sky.hdr -n 256
+  lumel sky sky.exr -n 32 -m 8                8 interleaved rules of 32 directions
+  lumel sky noon.hdr -n 64 --split-bright     the sun as a polygon of its own
+
+Source: Kollig and Keller, Efficient Illumination by High Dynamic Range Images, 2003.";
+
 /// Bakes light into the textures of a glTF level: light vectors, fluence and irradiance from area lights.
 #[derive(Debug, Parser)]
 #[command(version, after_help = AFTER_HELP, max_term_width = 110)]
@@ -88,14 +108,17 @@ pub(crate) enum Command {
     Probe(Probe),
     /// Says what is in a scene, what is odd about it, what a bake would do and leave out, and what it needs
     Inspect(Inspect),
+    /// Turns a picture of the sky into a few directions with their light, and stores them beside it
+    Sky(Sky),
 }
 
 impl Command {
-    pub(crate) fn general(&self) -> &General {
+    pub(crate) fn manner(&self) -> &Manner {
         match self {
-            Self::Bake(bake) => &bake.general,
-            Self::Probe(probe) => &probe.general,
-            Self::Inspect(inspect) => &inspect.general,
+            Self::Bake(bake) => &bake.general.manner,
+            Self::Probe(probe) => &probe.general.manner,
+            Self::Inspect(inspect) => &inspect.general.manner,
+            Self::Sky(sky) => &sky.manner,
         }
     }
 
@@ -103,7 +126,7 @@ impl Command {
     pub(crate) fn interrupted(&self) -> &'static str {
         match self {
             Self::Bake(_) => "interrupted; the previous bake is untouched",
-            Self::Probe(_) | Self::Inspect(_) => "interrupted; nothing was written",
+            Self::Probe(_) | Self::Inspect(_) | Self::Sky(_) => "interrupted; nothing was written",
         }
     }
 }
@@ -161,7 +184,63 @@ pub(crate) struct Inspect {
     pub(crate) quality: Quality,
 }
 
-/// What every subcommand takes.
+#[derive(Debug, clap::Args)]
+#[command(after_help = SKY_HELP)]
+pub(crate) struct Sky {
+    /// The picture, .hdr or .exr
+    #[arg(value_name = "FILE")]
+    pub(crate) path: PathBuf,
+
+    /// Directions of a rule [default: 256]
+    #[arg(short = 'n', long, value_name = "N", allow_negative_numbers = true, value_parser = whole(1..=4096))]
+    directions: Option<u32>,
+
+    /// Interleaved rules; together they have at most 4096 directions [default: 1]
+    #[arg(short = 'm', long, value_name = "M", allow_negative_numbers = true, value_parser = whole(1..=4096))]
+    sets: Option<u32>,
+
+    /// Iterations that interleave them [default: 4]
+    #[arg(short = 'k', long, value_name = "K", allow_negative_numbers = true, value_parser = whole(0..=1000))]
+    iterations: Option<u32>,
+
+    /// Largest angle between a direction and the centroid of its cell's light, radians [default: 0.01]
+    #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(1e-6..=1.0))]
+    max_decentration: Option<f64>,
+
+    /// Takes the sun and other small bright lights out of the picture, as polygons of their own
+    #[arg(long)]
+    split_bright: bool,
+
+    /// Where the rule goes [default: FILE.sky.json beside FILE]
+    #[arg(short = 'o', value_name = "RULE")]
+    pub(crate) output: Option<PathBuf>,
+
+    #[command(flatten)]
+    pub(crate) manner: Manner,
+}
+
+impl Sky {
+    /// The options of the library.
+    pub(crate) fn options(&self) -> sky::Options {
+        let mut options = sky::Options::default();
+        for (option, given) in [
+            (&mut options.directions, self.directions),
+            (&mut options.sets, self.sets),
+            (&mut options.iterations, self.iterations),
+        ] {
+            if let Some(given) = given {
+                *option = given as usize;
+            }
+        }
+        if let Some(angle) = self.max_decentration {
+            options.max_decentration = angle;
+        }
+        options.split_bright = self.split_bright;
+        options
+    }
+}
+
+/// What every subcommand takes that reads a scene.
 #[derive(Debug, clap::Args)]
 pub(crate) struct General {
     /// The level, .gltf or .glb
@@ -172,6 +251,13 @@ pub(crate) struct General {
     #[arg(long, value_name = "N")]
     scene: Option<usize>,
 
+    #[command(flatten)]
+    pub(crate) manner: Manner,
+}
+
+/// How a subcommand works and what it prints.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Manner {
     /// Worker threads; the result does not depend on it [default: one per core]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole(1..=1024))]
     threads: Option<u32>,
@@ -193,7 +279,9 @@ impl General {
     pub(crate) fn scene_options(&self) -> scene::Options {
         scene::Options { scene: self.scene }
     }
+}
 
+impl Manner {
     pub(crate) fn threads(&self) -> Option<usize> {
         self.threads.map(|threads| threads as usize)
     }

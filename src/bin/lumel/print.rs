@@ -9,7 +9,7 @@ use lumel::transport::Counters;
 use lumel::{Error, Result};
 use serde_json::{Map, Value, json};
 
-use super::args::General;
+use super::args::Manner;
 
 /// Prints a result. A reader that went away (`| head`) has what it wanted.
 pub(crate) fn out(text: &str) -> Result<()> {
@@ -42,8 +42,8 @@ pub(crate) fn warning(message: &str) {
 /// Prints one line per kind of warning; with `--verbose` also the first places.
 ///
 /// `warnings` is what [`lumel::error::Warnings`] serialises to.
-pub(crate) fn warnings(warnings: &Value, general: &General) {
-    if general.quiet {
+pub(crate) fn warnings(warnings: &Value, manner: &Manner) {
+    if manner.quiet {
         return;
     }
     for kind in warnings.as_array().into_iter().flatten() {
@@ -58,7 +58,7 @@ pub(crate) fn warnings(warnings: &Value, general: &General) {
             .flatten()
             .map(text)
             .collect();
-        if general.verbose && !places.is_empty() {
+        if manner.verbose && !places.is_empty() {
             line += &format!(": {}", places.join(", "));
             if count > places.len() as u64 {
                 line += ", …";
@@ -162,6 +162,43 @@ pub(crate) fn probe_summary(n_points: usize, n_unknown: usize, counters: &Counte
         );
     }
     text
+}
+
+/// What `sky` says to a person.
+pub(crate) fn sky_summary(summary: &Value) -> String {
+    let mut lines = Lines::new(text(&summary["file"]));
+    let mut rule = format!("{} directions", number(&summary["directions"]));
+    if summary["sets"] != 1 {
+        rule = format!("{} interleaved sets of {rule}", number(&summary["sets"]));
+    }
+    if summary["reused"] == true {
+        rule += ", there already";
+    }
+    lines.add("rule", &rule);
+    lines.add(
+        "largest",
+        &format!(
+            "{:.3} % of the light in one direction, {:.2} times an even share",
+            100.0 * real(&summary["largestShare"]),
+            real(&summary["largestShare"]) * real(&summary["directions"]),
+        ),
+    );
+    lines.add(
+        "centred",
+        &format!("to {:.4} rad", real(&summary["decentration"])),
+    );
+    for region in summary["regions"].as_array().into_iter().flatten() {
+        lines.add(
+            "split off",
+            &format!(
+                "{:.1} % of the light in {:.2e} sr",
+                100.0 * real(&region["share"]),
+                real(&region["solidAngle"])
+            ),
+        );
+    }
+    lines.add("time", &format!("{:.1} s", real(&summary["seconds"])));
+    lines.text
 }
 
 /// What `inspect` says to a person.

@@ -58,6 +58,20 @@ impl Display {
         }
     }
 
+    /// Shows how many of `total` directions a sky has.
+    pub(crate) fn directions(&self, done: usize, total: usize) {
+        if self.bar.is_hidden() {
+            return;
+        }
+        if self.bar.length() != Some(total as u64) {
+            self.bar.set_message("placing");
+            self.bar.set_length(total as u64);
+            self.bar
+                .set_style(with_bar("{msg:12} [{bar:32}] {pos}/{len} directions"));
+        }
+        self.bar.set_position(done as u64);
+    }
+
     /// Says something above the bar; nothing where there is no bar.
     pub(crate) fn say(&self, message: &str) {
         self.bar.println(message);

@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::args::{Bake, Command, General, Inspect, Probe};
 use super::progress::Display;
-use super::{INTERRUPTED, points, print, samples};
+use super::{INTERRUPTED, points, print, samples, sky};
 
 /// How a command ended that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,13 +25,14 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 
 /// Runs `command` to its end.
 pub(crate) fn run(command: &Command) -> Result<Outcome> {
-    let general = command.general();
-    let display = Display::new(!general.quiet && !general.json);
+    let manner = command.manner();
+    let display = Display::new(!manner.quiet && !manner.json);
     listen_for_interrupts(&display);
     match command {
         Command::Bake(args) => run_bake(args, &display),
         Command::Probe(args) => run_probe(args, &display),
         Command::Inspect(args) => run_inspect(args, &display),
+        Command::Sky(args) => sky::run(args, &display, &CANCELLED),
     }
 }
 
@@ -70,15 +71,15 @@ fn run_bake(args: &Bake, display: &Display) -> Result<Outcome> {
     })?;
 
     let warnings = &report.manifest["warnings"];
-    print::warnings(warnings, general);
+    print::warnings(warnings, &general.manner);
     for shortfall in &report.shortfalls {
         print::warning(&format!("shortfall: {shortfall}"));
     }
     let seconds = started.elapsed().as_secs_f64();
-    if general.json {
+    if general.manner.json {
         let object = print::bake_json(&report, &directory, seconds);
         print::out(&format!("{object:#}\n"))?;
-    } else if !general.quiet {
+    } else if !general.manner.quiet {
         print::out(&print::bake_summary(&report, &directory, seconds))?;
     }
     Ok(if report.shortfalls.is_empty() {
@@ -102,7 +103,7 @@ fn run_probe(args: &Probe, display: &Display) -> Result<Outcome> {
         Ok((result, json!(scene.warnings)))
     })?;
 
-    print::warnings(&warnings, general);
+    print::warnings(&warnings, &general.manner);
     let n_unknown = evaluated
         .iter()
         .filter(|sample| !sample.has_gradient)
@@ -111,7 +112,7 @@ fn run_probe(args: &Probe, display: &Display) -> Result<Outcome> {
         Some(destination) => destination.write(&receivers, &evaluated)?,
         None => print::out(&samples::to_csv(&receivers, &evaluated))?,
     }
-    if general.json {
+    if general.manner.json {
         let object = json!({
             "points": receivers.len(),
             "pointsWithoutDerivative": n_unknown,
@@ -120,7 +121,7 @@ fn run_probe(args: &Probe, display: &Display) -> Result<Outcome> {
             "file": args.output.as_ref().map(|table| table.path.display().to_string()),
         });
         print::out(&format!("{object:#}\n"))?;
-    } else if !general.quiet {
+    } else if !general.manner.quiet {
         print::note(&print::probe_summary(receivers.len(), n_unknown, &counters));
     }
     Ok(Outcome::Done)
@@ -131,10 +132,10 @@ fn run_inspect(args: &Inspect, display: &Display) -> Result<Outcome> {
     let inspection = work(general, display, |scene, execution| {
         bake::inspect(&scene, &args.quality.options(), execution)
     })?;
-    print::warnings(&inspection["warnings"], general);
-    if general.json {
+    print::warnings(&inspection["warnings"], &general.manner);
+    if general.manner.json {
         print::out(&format!("{inspection:#}\n"))?;
-    } else if !general.quiet {
+    } else if !general.manner.quiet {
         print::out(&print::inspection(&inspection, &general.path))?;
     }
     Ok(Outcome::Done)
@@ -148,7 +149,7 @@ fn work<R>(
 ) -> Result<R> {
     let progress = |progress| display.update(progress);
     let execution = Execution {
-        threads: general.threads(),
+        threads: general.manner.threads(),
         cancelled: &CANCELLED,
         progress: &progress,
     };
