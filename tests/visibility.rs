@@ -34,6 +34,7 @@ fn soup(triangles: &[[DVec3; 3]]) -> Scene {
             .collect(),
         punctual_lights: Vec::new(),
         area_lights: Vec::new(),
+        sky: None,
         source: Source {
             json: serde_json::Value::Null,
             buffers: Vec::new(),

@@ -189,6 +189,8 @@ fn options_json(options: &Options) -> Value {
         "samples": options.transport.samples,
         "direct-threshold": options.direct_threshold.unwrap_or(options.tolerance),
         "direct-certainty": options.transport.direct_certainty,
+        "sky-lights": options.lights.sky_lights,
+        "sky-mode": options.lights.sky_mode,
         "light-radius": options.lights.light_radius,
         "sun-angle": options.lights.sun_angle.to_degrees(),
         "directional": options.directional,

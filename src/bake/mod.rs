@@ -98,6 +98,7 @@ impl Options {
         check_range("direct-threshold", threshold, (0.0, 1.0))?;
         let certainty = self.transport.direct_certainty;
         check_range("direct-certainty", certainty, (0.0, 1.0))?;
+        check_range("sky-lights", self.lights.sky_lights as f64, (1.0, 4096.0))?;
         check_range("light-radius", self.lights.light_radius, (0.0, 1e3))?;
         let sun_angle = self.lights.sun_angle.to_degrees();
         check_range("sun-angle", sun_angle, (0.0, 90.0))

@@ -2,9 +2,12 @@
 
 use super::{Options, Output};
 use crate::lights::Lights;
+use crate::lights::SkyMode;
 use crate::output;
 use crate::scene::Alpha;
 use crate::scene::Material;
+use crate::scene::PunctualKind;
+use crate::scene::PunctualLight;
 use crate::scene::Scene;
 use crate::transport;
 
@@ -98,7 +101,7 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
             "no material emits".to_owned()
         },
     );
-    decide_punctual(plan, scene, lights);
+    decide_punctual(plan, scene, lights, options);
     if lights.len() > 1 {
         plan.decide(
             "dim lights",
@@ -124,7 +127,7 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
             },
         );
     }
-    plan.decide("sky", false, "this version does not bake skies yet");
+    decide_sky(plan, scene, lights, options);
 
     let n_masked = count_triangles(scene, |material| {
         matches!(material.alpha, Alpha::Mask { .. })
@@ -150,11 +153,45 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
     );
 }
 
-fn decide_punctual(plan: &mut Plan, scene: &Scene, lights: &Lights) {
+fn decide_sky(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Options) {
+    let Some(sky) = &scene.sky else {
+        plan.decide("sky", false, "no sky was given (--sky, --sky-color)");
+        return;
+    };
+    let n_parts = lights.distant.len() + lights.suns.len() - n_directional(scene);
+    let size = format!("{} × {} pixels", sky.image.width(), sky.image.height());
+    let reason = match options.lights.sky_mode {
+        _ if n_parts == 0 => "it is black".to_owned(),
+        SkyMode::Cells => {
+            format!("{size} as {n_parts} polygons at infinity: smooth shadows without rays")
+        }
+        SkyMode::Points => format!("{size} as {n_parts} directions, as asked; a ray each"),
+        SkyMode::Interleaved => format!(
+            "{size} as {n_parts} directions, as asked; a texel casts rays to a ninth of them"
+        ),
+    };
+    plan.decide("sky", n_parts > 0, reason);
+}
+
+/// Authored suns that shine.
+fn n_directional(scene: &Scene) -> usize {
+    let is_sun = |light: &&PunctualLight| {
+        light.kind == PunctualKind::Directional && light.intensity.max_element() > 0.0
+    };
+    scene.punctual_lights.iter().filter(is_sun).count()
+}
+
+fn decide_punctual(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Options) {
     let n_authored = scene.punctual_lights.len();
     let soft = lights.points.iter().filter(|point| point.radius > 0.0);
-    let n_soft = soft.count() + lights.distant.len();
-    let n_hard = lights.points.len() + lights.distant.len() + lights.suns.len() - n_soft;
+    let n_points = lights.points.len();
+    let soft_suns = scene.punctual_lights.iter().filter(|light| {
+        light.kind == PunctualKind::Directional
+            && light.intensity.max_element() > 0.0
+            && light.size.unwrap_or(options.lights.sun_angle) > 0.0
+    });
+    let n_soft = soft.count() + soft_suns.count();
+    let n_hard = n_points + n_directional(scene) - n_soft;
     plan.decide(
         "penumbrae of punctual lights",
         n_soft > 0,

@@ -47,6 +47,10 @@ pub struct Options {
     pub max_texture_splits: usize,
     /// Radius in metres of point and spot lights whose node gives none. Range: 0..=1e3. Default: 0, hard shadows.
     pub light_radius: f64,
+    /// Directions of the sky's rule. Range: 1..=4096. Default: 64.
+    pub sky_lights: usize,
+    /// What the directions of a sky become. Default: [`SkyMode::Cells`].
+    pub sky_mode: SkyMode,
     /// Angular diameter in radians of directional lights whose node gives none. Range: 0..=π/2. Default: 0.53°, the sun's; 0 is hard.
     pub sun_angle: f64,
 }
@@ -56,10 +60,25 @@ impl Default for Options {
         Self {
             texture_tolerance: 0.1,
             max_texture_splits: 4096,
+            sky_lights: 64,
+            sky_mode: SkyMode::Cells,
             light_radius: 0.0,
             sun_angle: 0.53_f64.to_radians(),
         }
     }
+}
+
+/// What the directions of a sky's quadrature rule become.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SkyMode {
+    /// Suns without a size, the same for every receiver (T. Kollig and A. Keller 2003): a ray each; few show as bands.
+    Points,
+    /// Nine rules that take turns: as many rays as for one, and noise instead of bands.
+    Interleaved,
+    /// Polygons at infinity: smooth shadows and derivatives from few of them. Bright compact regions are polygons of their own.
+    #[default]
+    Cells,
 }
 
 /// All lights of a scene.
@@ -67,11 +86,11 @@ impl Default for Options {
 pub struct Lights {
     /// Emissive surfaces, in the order of their first triangle, then authored area lights, which have no triangles of the scene.
     pub polygons: Vec<Polygon>,
-    /// Suns with a diameter.
+    /// Suns with a diameter, then parts of the sky.
     pub distant: Vec<Distant>,
     /// Points and spots, in the order of their nodes.
     pub points: Vec<Point>,
-    /// Suns without a diameter.
+    /// Suns without a diameter, then directions of the sky.
     pub suns: Vec<Sun>,
     /// Middle of a sphere around the scene, world metres, and its radius: what is at infinity lies beyond.
     pub extent: (DVec3, f64),
@@ -108,7 +127,13 @@ pub fn collect(scene: &Scene, options: &Options) -> Lights {
     let mut warnings = Warnings::default();
     let emitters = emission::find(scene, &mut warnings);
     let pieces = split::uniform_pieces(scene, &emitters, options, &mut warnings);
-    let (points, distant, suns) = punctual::collect(&scene.punctual_lights, options);
+    let (points, mut distant, mut suns) = punctual::collect(&scene.punctual_lights, options);
+    if let Some(picture) = &scene.sky {
+        let (n, mode) = (options.sky_lights, options.sky_mode);
+        let (cells, directions) = sky::sources(picture, n, mode, &mut warnings);
+        distant.extend(cells);
+        suns.extend(directions);
+    }
     let bounds = Aabb::from_points(scene.triangles.iter().flat_map(|t| t.vertices));
     let mut polygons = merge::polygons(&pieces);
     polygons.extend(scene.area_lights.iter().filter_map(punctual::surface_of));

@@ -35,7 +35,7 @@ pub struct Cone {
     pub outer_angle: f64,
 }
 
-/// A polygon at infinity of uniform radiance: a sun with a diameter.
+/// A polygon at infinity of uniform radiance: a sun with a diameter, or a part of the sky.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Distant {
     /// Unit vector to its middle.
@@ -44,15 +44,24 @@ pub struct Distant {
     pub contour: Vec<DVec3>,
     /// Nit, linear RGB, not negative, not all zero.
     pub radiance: DVec3,
+    /// Steradians.
+    pub solid_angle: f64,
+    /// What the light vector of all of it is beyond that of uniform radiance, lux, per channel: as much of it counts as is seen of the
+    /// polygon.
+    pub excess: [DVec3; 3],
 }
 
-/// A sun without a diameter.
+/// A sun without a diameter, or a direction of a sky.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sun {
     /// Unit vector to it.
     pub towards: DVec3,
     /// Illuminance of a surface that faces it, lux, linear RGB, not negative, not all zero.
     pub illuminance: DVec3,
+    /// What its light vector is beyond illuminance × direction, lux, per channel.
+    pub excess: [DVec3; 3],
+    /// It shines on every n-th receiver, from the first number on: `(0, 1)` on all.
+    pub set: (u32, u32),
 }
 
 /// The least difference of the cosines of a spot's angles, so that an edge without width has one; the extension's own value.
@@ -150,6 +159,8 @@ pub(super) fn collect(
                     suns.push(Sun {
                         towards,
                         illuminance: light.intensity,
+                        excess: [DVec3::ZERO; 3],
+                        set: (0, 1),
                     });
                 }
             }
@@ -207,5 +218,8 @@ fn sun_disc(towards: DVec3, diameter: f64, illuminance: DVec3) -> Distant {
         towards,
         contour,
         radiance: illuminance / (PI * sin * sin),
+        // Of a small disc and its polygon; it only weighs the excess, which there is none of.
+        solid_angle: PI * sin * sin,
+        excess: [DVec3::ZERO; 3],
     }
 }

@@ -30,6 +30,7 @@ pub(super) fn assemble(
         triangles,
         punctual_lights: Vec::new(),
         area_lights: Vec::new(),
+        sky: None,
         source: Source {
             json: serde_json::json!({"asset": {"version": "2.0"}}),
             buffers: Vec::new(),

@@ -63,6 +63,7 @@ pub fn load(path: &Path, options: &Options) -> Result<Scene> {
         triangles,
         punctual_lights: contents.punctual_lights,
         area_lights: contents.area_lights,
+        sky: None,
         source,
         warnings,
     })

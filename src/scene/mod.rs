@@ -82,6 +82,8 @@ pub struct Scene {
     pub punctual_lights: Vec<PunctualLight>,
     /// Authored lights with a surface of their own (the draft `EXT_lights_area`), in world space.
     pub area_lights: Vec<AreaLight>,
+    /// Light from all around; documents have none of their own.
+    pub sky: Option<Sky>,
     /// The document itself, for the stage that writes it again.
     pub source: Source,
     /// What was odd.
@@ -209,6 +211,19 @@ pub struct AreaLight {
     pub half_height: DVec3,
     /// Whether it is a disc.
     pub is_disc: bool,
+}
+
+/// A picture of the light from far away, and how it is hung.
+#[derive(Clone, Debug)]
+pub struct Sky {
+    /// The picture, in its own axes.
+    pub image: Environment,
+    /// Radians about Y, counter-clockwise seen from above.
+    pub rotation: f64,
+    /// Multiplies the picture's radiance, nit.
+    pub strength: f64,
+    /// Text of a rule that was made of it before, see [`environment::read_rule`]; looked at when it fits.
+    pub rule: Option<String>,
 }
 
 /// Shape of a punctual light.

@@ -2,11 +2,12 @@
 
 use glam::{DMat3, DVec3};
 
+use super::contour;
 use super::minor;
 use super::pair::{Pair, Part, Scratch};
 use super::sampled::Seen;
 use super::select::select;
-use super::source::Source;
+use super::source::{Beyond, Source};
 use super::{Counters, Options, Receiver, Sample};
 use crate::lights::Lights;
 use crate::math::Aabb;
@@ -64,6 +65,9 @@ pub fn gather(
                 let total = &mut totals[place];
                 let before = total.sample.rays;
                 total.add_seen(&seen, source.strength);
+                if let Some(beyond) = source.beyond() {
+                    total.add_beyond(&seen, beyond);
+                }
                 counters.shadow_rays += u64::from(total.sample.rays - before);
             }
         }
@@ -127,6 +131,21 @@ impl Total {
         self.sample.rays += parts[0].rays;
         self.sample.error += rounding;
         self.variance += error * error;
+    }
+
+    /// Adds what a part of the sky gives beyond uniform radiance: as much as is seen of it.
+    fn add_beyond(&mut self, seen: &Seen, beyond: &Beyond) {
+        for channel in 0..3 {
+            let sums = match seen {
+                Seen::Alike(part) => &part.sums,
+                Seen::Tinted(parts) => &parts[channel].sums,
+            };
+            let vector = beyond.light_vector[channel] / beyond.whole;
+            self.sample.g[channel] += vector * sums.phi;
+            if sums.has_gradient {
+                self.sample.j[channel] += contour::outer(vector, sums.grad_phi);
+            }
+        }
     }
 
     /// Adds what is seen of a light of this strength, in all channels alike.

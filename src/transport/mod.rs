@@ -244,7 +244,12 @@ pub fn unoccluded_irradiance(lights: &Lights, receiver: &Receiver) -> DVec3 {
         .filter_map(|source| {
             let light = source.unoccluded(receiver, false, &mut pieces)?;
             let (share, _) = source.attenuation(receiver.position);
-            Some(source.strength * (share * light.sums.g.dot(receiver.normal).max(0.0)))
+            let beyond = source.beyond().map_or(DVec3::ZERO, |beyond| {
+                let share = light.sums.phi / beyond.whole;
+                DVec3::from_array(beyond.light_vector.map(|v| v.dot(receiver.normal))) * share
+            });
+            let uniform = source.strength * (share * light.sums.g.dot(receiver.normal));
+            Some((uniform + beyond).max(DVec3::ZERO))
         })
         .sum()
 }

@@ -34,6 +34,19 @@ pub(super) struct Source<'a> {
     centre: DVec3,
     radius: f64,
     largest_coordinate: f64,
+    /// What a light at infinity gives beyond strength × sums, see [`Self::beyond`].
+    beyond: Option<Beyond>,
+    /// It shines on every n-th receiver, from the first number on.
+    set: (u64, u64),
+}
+
+/// What a part of the sky gives because its radiance is not uniform.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Beyond {
+    /// Light vector of all of it, lux, per channel.
+    pub(super) light_vector: [DVec3; 3],
+    /// Sum of `phi` of all of it, per unit strength.
+    pub(super) whole: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -75,10 +88,13 @@ impl<'a> Source<'a> {
             let contour = light.contour.iter().map(|v| *v * distance).collect();
             let place = (light.towards, places.centre(), distance);
             Self::at_infinity(place, light.radiance, vec![contour])
+                .with(light.excess, light.solid_angle)
         });
         let suns = lights.suns.iter().map(|sun| {
             let place = (sun.towards, places.centre(), distance);
-            Self::at_infinity(place, sun.illuminance, Vec::new())
+            let mut source = Self::at_infinity(place, sun.illuminance, Vec::new());
+            source.set = (u64::from(sun.set.0), u64::from(sun.set.1));
+            source.with(sun.excess, 1.0)
         });
         let polygons = lights.polygons.iter().map(Self::new);
         let points = lights.points.iter().map(Self::ball);
@@ -104,6 +120,8 @@ impl<'a> Source<'a> {
                 .map(|vertex| vertex.distance(centre))
                 .fold(0.0, f64::max),
             largest_coordinate: bounds.largest_coordinate(),
+            beyond: None,
+            set: (0, 1),
         }
     }
 
@@ -118,6 +136,8 @@ impl<'a> Source<'a> {
             centre: light.position,
             radius: light.radius,
             largest_coordinate: light.position.abs().max_element(),
+            beyond: None,
+            set: (0, 1),
         }
     }
 
@@ -142,7 +162,23 @@ impl<'a> Source<'a> {
             centre,
             radius,
             largest_coordinate: centre.abs().max_element(),
+            beyond: None,
+            set: (0, 1),
         }
+    }
+
+    fn with(mut self, light_vector: [DVec3; 3], whole: f64) -> Self {
+        let is_uniform = light_vector == [DVec3::ZERO; 3];
+        self.beyond = (!is_uniform).then_some(Beyond {
+            light_vector,
+            whole,
+        });
+        self
+    }
+
+    /// What it gives beyond strength × sums.
+    pub(super) fn beyond(&self) -> Option<&Beyond> {
+        self.beyond.as_ref()
     }
 
     /// The polygon, for what works on polygons of the scene alone.
@@ -256,11 +292,9 @@ impl<'a> Source<'a> {
             Shape::Distant {
                 towards, contours, ..
             } => {
-                towards.dot(receiver.normal) > 0.0
-                    || contours
-                        .iter()
-                        .flatten()
-                        .any(|vertex| vertex.dot(receiver.normal) > 0.0)
+                let is_mine = receiver.seed % self.set.1 == self.set.0;
+                let rises = |direction: &DVec3| direction.dot(receiver.normal) > 0.0;
+                is_mine && (rises(towards) || contours.iter().flatten().any(rises))
             }
         }
     }
@@ -392,7 +426,7 @@ impl<'a> Source<'a> {
             Shape::Distant {
                 towards, contours, ..
             } if contours.is_empty() => {
-                if towards.dot(receiver.normal) <= 0.0 {
+                if !self.shines_on(receiver) || towards.dot(receiver.normal) <= 0.0 {
                     return Some(None);
                 }
                 sums.g = *towards;

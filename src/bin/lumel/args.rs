@@ -11,6 +11,7 @@ use lumel::lights::sky;
 use lumel::scene;
 use lumel::transport::Estimator;
 
+use super::environment::Environmental;
 use super::points::Table;
 
 const AFTER_HELP: &str = "\
@@ -252,6 +253,9 @@ pub(crate) struct General {
     scene: Option<usize>,
 
     #[command(flatten)]
+    pub(crate) environment: Environmental,
+
+    #[command(flatten)]
     pub(crate) manner: Manner,
 }
 
@@ -363,6 +367,7 @@ impl Bake {
     /// The options of the library: the preset's, then those given.
     pub(crate) fn options(&self) -> Options {
         let mut options = self.quality.options();
+        self.general.environment.apply(&mut options);
         options.float = self.float;
         options.outputs = self
             .outputs
@@ -378,6 +383,16 @@ impl Probe {
         let mut options = Options::default();
         self.sampling.apply(&mut options);
         self.sizes.apply(&mut options);
+        self.general.environment.apply(&mut options);
+        options
+    }
+}
+
+impl Inspect {
+    /// The options of the library.
+    pub(crate) fn options(&self) -> Options {
+        let mut options = self.quality.options();
+        self.general.environment.apply(&mut options);
         options
     }
 }
@@ -540,7 +555,7 @@ fn table() -> impl TypedValueParser<Value = Table> {
 }
 
 /// Reads a number in `range`; anything else, NaN too, is a message that states the range. Clap adds option and value.
-fn real(range: RangeInclusive<f64>) -> impl Fn(&str) -> Result<f64, String> + Clone {
+pub(crate) fn real(range: RangeInclusive<f64>) -> impl Fn(&str) -> Result<f64, String> + Clone {
     move |text| match text.trim().parse::<f64>() {
         Ok(number) if range.contains(&number) => Ok(number),
         _ => Err(format!(
@@ -552,7 +567,7 @@ fn real(range: RangeInclusive<f64>) -> impl Fn(&str) -> Result<f64, String> + Cl
 }
 
 /// Reads a whole number in `range`.
-fn whole(range: RangeInclusive<u32>) -> impl Fn(&str) -> Result<u32, String> + Clone {
+pub(crate) fn whole(range: RangeInclusive<u32>) -> impl Fn(&str) -> Result<u32, String> + Clone {
     move |text| match text.trim().parse::<u32>() {
         Ok(number) if range.contains(&number) => Ok(number),
         _ => Err(format!(
@@ -626,6 +641,7 @@ mod tests {
                 "direct_certainty",
                 defaults.transport.direct_certainty.to_string(),
             ),
+            ("sky_lights", defaults.lights.sky_lights.to_string()),
             ("light_radius", defaults.lights.light_radius.to_string()),
             (
                 "sun_angle",
@@ -657,6 +673,7 @@ mod tests {
             ("--samples", "1", "65536"),
             ("--direct-threshold", "0", "1"),
             ("--direct-certainty", "0", "1"),
+            ("--sky-lights", "1", "4096"),
             ("--light-radius", "0", "1000"),
             ("--sun-angle", "0", "90"),
         ] {

@@ -1,6 +1,7 @@
 //! The command `lumel`: reads arguments, calls the library, prints. The only place that prints.
 
 mod args;
+mod environment;
 mod points;
 mod print;
 mod progress;

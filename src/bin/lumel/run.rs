@@ -130,7 +130,7 @@ fn run_probe(args: &Probe, display: &Display) -> Result<Outcome> {
 fn run_inspect(args: &Inspect, display: &Display) -> Result<Outcome> {
     let general = &args.general;
     let inspection = work(general, display, |scene, execution| {
-        bake::inspect(&scene, &args.quality.options(), execution)
+        bake::inspect(&scene, &args.options(), execution)
     })?;
     print::warnings(&inspection["warnings"], &general.manner);
     if general.manner.json {
@@ -153,7 +153,8 @@ fn work<R>(
         cancelled: &CANCELLED,
         progress: &progress,
     };
-    let result = Scene::open(&general.path, &general.scene_options()).and_then(|scene| {
+    let result = Scene::open(&general.path, &general.scene_options()).and_then(|mut scene| {
+        scene.sky = general.environment.sky()?;
         if CANCELLED.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }

@@ -34,12 +34,15 @@ mod lloyd;
 
 mod rule;
 
+mod sources;
+
 mod stored;
 
 pub use self::bright::{Region, split_bright};
 pub use self::cells::{Outline, cells};
 pub use self::interleave::Quality;
 pub use self::rule::{Cell, Rule};
+pub(super) use self::sources::sources;
 pub use self::stored::{load_if_fits, to_json};
 
 use crate::error::{Error, Result};

@@ -244,9 +244,12 @@ impl Tests<'_, '_> {
 
     /// Share of the tile's rays that reached their light.
     fn everybody(&self) -> f64 {
-        let (tested, seen) = self.minors.iter().fold((0.0, 0.0), |(tested, seen), minor| {
-            (tested + minor.history.tested, seen + minor.history.seen)
-        });
+        let (tested, seen) = self
+            .minors
+            .iter()
+            .fold((0.0, 0.0), |(tested, seen), minor| {
+                (tested + minor.history.tested, seen + minor.history.seen)
+            });
         if tested > 0.0 { seen / tested } else { 1.0 }
     }
 
