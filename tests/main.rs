@@ -14,6 +14,7 @@ mod output;
 mod punctual;
 mod scene;
 mod sky;
+mod sky_light;
 mod stiff;
 mod texels;
 mod traced;

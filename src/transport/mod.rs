@@ -19,6 +19,7 @@ mod sampled;
 mod select;
 mod source;
 mod traced;
+mod umbra;
 mod vedel;
 
 use glam::{DMat3, DVec3};
@@ -175,6 +176,8 @@ pub struct Counters {
     pub pairs_facing_away: u64,
     /// Pairs with an empty shaft: closed form, no ray.
     pub pairs_unoccluded: u64,
+    /// Pairs where one triangle hides all of the light from the whole tile: dark, no ray.
+    pub pairs_hidden: u64,
     /// Pairs of which the light has no size: a ray per point.
     pub pairs_hard: u64,
     /// Pairs with glass in between: sampled, or tested by one ray when the light has no size.
@@ -208,6 +211,7 @@ impl Counters {
         self.lights_untested += other.lights_untested;
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
+        self.pairs_hidden += other.pairs_hidden;
         self.pairs_hard += other.pairs_hard;
         self.pairs_tinted += other.pairs_tinted;
         self.pairs_exact += other.pairs_exact;

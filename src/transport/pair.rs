@@ -11,6 +11,7 @@ use super::outline::Outline;
 use super::sampled::{self, Seen, View};
 use super::source::{Source, Surface};
 use super::traced::{self, Outcome};
+use super::umbra;
 use super::vedel;
 use super::{Counters, Estimator, Options, Receiver};
 use crate::math::Aabb;
@@ -71,6 +72,8 @@ pub(super) struct Pair<'a> {
 enum Way<'a> {
     /// Nothing can stand in between.
     Open,
+    /// One triangle hides all of it from everywhere.
+    Hidden,
     /// For receivers in front of the light and behind it.
     Exact { front: Outline, back: Outline },
     /// A shadow ray: the light is a point.
@@ -107,6 +110,7 @@ impl<'a> Pair<'a> {
         counters.pairs_tinted += u64::from(is_tinted);
         match &way {
             Way::Open => counters.pairs_unoccluded += 1,
+            Way::Hidden => counters.pairs_hidden += 1,
             Way::Exact { front, back } => {
                 counters.pairs_exact += 1;
                 counters.edges += (front.n_edges() + back.n_edges()) as u64;
@@ -135,6 +139,7 @@ impl<'a> Pair<'a> {
         let mut seen = match &self.way {
             Way::Sampled(surface) => self.sample(receiver, surface.as_ref(), scratch)?,
             Way::Hard => self.one_ray(receiver, scratch)?,
+            Way::Hidden => return None,
             _ => Seen::Alike(self.look(receiver, scratch)?),
         };
         seen.for_each(|part| {
@@ -215,7 +220,7 @@ impl<'a> Pair<'a> {
     /// Without sampling.
     fn look(&self, receiver: &Receiver, scratch: &mut Scratch) -> Option<Part> {
         match &self.way {
-            Way::Open | Way::Hard | Way::Sampled(_) => self.open(receiver, scratch),
+            Way::Open | Way::Hidden | Way::Hard | Way::Sampled(_) => self.open(receiver, scratch),
             Way::Traced(traced) => self.trace(receiver, traced, scratch),
             Way::Exact { front, back } => self.clip(receiver, front, back, scratch),
             Way::Vedel(frame) => self.trace_as_vedel(receiver, frame, scratch),
@@ -377,6 +382,7 @@ fn choose<'a>(
     let is_tinted = occluders.has_pane_in(&shaft, &ignore);
     let way = match (candidates.is_empty(), is_tinted) {
         (true, false) => Way::Open,
+        _ if umbra::is_total(source, &places, occluders, &candidates) => Way::Hidden,
         _ if source.is_hard() => Way::Hard,
         // The light behind glass has as many radiances as there are layers.
         (_, true) => sampled_way(source),

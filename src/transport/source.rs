@@ -237,6 +237,18 @@ impl<'a> Source<'a> {
         }
     }
 
+    /// Points, world metres, whose convex hull holds the light as it is seen from `position`.
+    pub(super) fn hull(&self, position: DVec3) -> Vec<DVec3> {
+        match &self.shape {
+            Shape::Surface { polygon, .. } => polygon.contours.iter().flatten().copied().collect(),
+            Shape::Ball(_) if self.radius > 0.0 => self.bounds().corners().to_vec(),
+            Shape::Distant { contours, .. } if !contours.is_empty() => {
+                contours.iter().flatten().map(|v| *v + position).collect()
+            }
+            _ => vec![self.seen_middle(position)],
+        }
+    }
+
     /// A point of a plane that no part of the light lies before, seen from `places`, and its unit normal that points away from there; `front`
     /// says which side of a polygon `places` are on.
     pub(super) fn backdrop(&self, places: &Aabb, front: bool) -> (DVec3, DVec3) {

@@ -64,8 +64,9 @@ pub(in crate::lights) fn sources(
     let mut distant: Vec<Distant> = regions
         .flat_map(|region| of_region(&region.turned(sky.rotation, sky.strength)))
         .collect();
+    let uniform = uniform_radiance(sky);
     for rule in &sets {
-        distant.extend(of_rule(rule));
+        distant.extend(of_rule(rule, uniform));
     }
     (distant, Vec::new())
 }
@@ -85,7 +86,14 @@ fn suns(sets: &[Rule]) -> Vec<Sun> {
     (0..).zip(sets).flat_map(of_set).collect()
 }
 
-fn of_rule(rule: &Rule) -> Vec<Distant> {
+/// The radiance of a sky without structure: its cells are of it exactly, and not of so many pixels.
+fn uniform_radiance(sky: &scene::Sky) -> Option<DVec3> {
+    let (first, rest) = sky.image.pixels().split_first()?;
+    let is_uniform = rest.iter().all(|pixel| pixel == first);
+    is_uniform.then(|| DVec3::from_array(first.map(f64::from)) * sky.strength)
+}
+
+fn of_rule(rule: &Rule, uniform: Option<DVec3>) -> Vec<Distant> {
     let outlines = cells::cells(&rule.directions());
     let lit = rule.cells.iter().zip(&outlines);
     lit.filter(|(cell, outline)| cell.norm() > 0.0 && outline.solid_angle > 0.0)
@@ -95,15 +103,24 @@ fn of_rule(rule: &Rule) -> Vec<Distant> {
             } else {
                 vec![outline.vertices.clone()]
             };
-            let radiance = cell.fluence / outline.solid_angle;
-            of_polygons(polygons, radiance, cell.light_vector)
+            match uniform {
+                Some(radiance) => of_polygons(polygons, radiance, None),
+                None => {
+                    let radiance = cell.fluence / outline.solid_angle;
+                    of_polygons(polygons, radiance, Some(cell.light_vector))
+                }
+            }
         })
         .collect()
 }
 
 fn of_region(region: &Region) -> Vec<Distant> {
     let polygon = region.polygon.clone();
-    of_polygons(vec![polygon], region.radiance, region.cell.light_vector)
+    of_polygons(
+        vec![polygon],
+        region.radiance,
+        Some(region.cell.light_vector),
+    )
 }
 
 /// The whole sphere in eight triangles, counter-clockwise seen from the origin.
@@ -127,11 +144,11 @@ fn octants() -> Vec<Vec<DVec3>> {
         .collect()
 }
 
-/// Spherical polygons of one radiance that together have the given light vector, cut until each is narrow.
+/// Spherical polygons of one radiance that together have the given light vector, if it is another one, cut until each is narrow.
 fn of_polygons(
     mut polygons: Vec<Vec<DVec3>>,
     radiance: DVec3,
-    light_vector: [DVec3; 3],
+    light_vector: Option<[DVec3; 3]>,
 ) -> Vec<Distant> {
     let mut parts = Vec::new();
     while let Some(polygon) = polygons.pop() {
@@ -148,7 +165,9 @@ fn of_polygons(
         .iter()
         .map(|(part, _)| uniform_light_vector(part))
         .sum();
-    let excess = [0, 1, 2].map(|c| light_vector[c] - radiance[c] * uniform);
+    let excess = light_vector.map_or([DVec3::ZERO; 3], |vectors| {
+        [0, 1, 2].map(|c| vectors[c] - radiance[c] * uniform)
+    });
     parts
         .into_iter()
         .zip(solid_angles)
