@@ -97,7 +97,7 @@ fn wrong_use_is_exit_code_2() {
         &[] as &[&str],
         &["fry", "a.glb"],
         &["bake"],
-        &["bake", "a.glb", "--sky", "sky.hdr"],
+        &["bake", "a.glb", "--sky-color", "1,2"],
         &["bake", "a.glb", "--outputs", "e,everything"],
         &["bake", "a.glb", "--quiet", "--verbose"],
         &["probe", "a.glb"],
