@@ -160,8 +160,8 @@ fn descriptor(bytes_per_number: u32) -> Vec<u8> {
     let mut words = vec![
         4 + block_size,
         0,
-        version | block_size << 16,
-        rgbsda | linear << 16,
+        version | (block_size << 16),
+        rgbsda | (linear << 16),
         0,
         COMPONENTS * bytes_per_number,
         0,
@@ -169,7 +169,7 @@ fn descriptor(bytes_per_number: u32) -> Vec<u8> {
     for (index, channel) in (0_u32..).zip(CHANNELS) {
         let bits = 8 * bytes_per_number;
         words.extend([
-            index * bits | (bits - 1) << 16 | (channel | SIGNED_FLOAT) << 24,
+            (index * bits) | ((bits - 1) << 16) | ((channel | SIGNED_FLOAT) << 24),
             0,
             (-1.0_f32).to_bits(),
             1.0_f32.to_bits(),

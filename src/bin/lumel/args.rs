@@ -7,6 +7,7 @@ use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Parser, Subcommand, ValueEnum};
 use lumel::atlas::Uv;
 use lumel::bake::{Options, Output};
+use lumel::output::Export;
 use lumel::scene;
 use lumel::transport::Estimator;
 
@@ -18,6 +19,7 @@ Examples:
   lumel bake level.glb --preset draft         a quick look, into level.lumel/
   lumel bake level.glb -o out --directional   light vectors even without normal maps
   lumel probe level.glb --points p.csv        the light at single points
+  lumel view level.lumel                      looks at a bake in a browser
 
 Units: metres, Y up, right-handed; radiance in nit, irradiance and fluence in lux.
 
@@ -72,6 +74,14 @@ Examples:
   lumel inspect level.glb
   lumel inspect level.glb --texels-per-metre 16 --json";
 
+const VIEW_HELP: &str = "\
+Without --html a server answers on 127.0.0.1, to this machine only, until Ctrl-C. It gives out the files of
+this one bake. With --html the viewer and the bake become one file, to keep or to send.
+
+Examples:
+  lumel view level.lumel
+  lumel view level.lumel --html level.html";
+
 /// Bakes light into the textures of a glTF level: light vectors, fluence and irradiance from area lights.
 #[derive(Debug, Parser)]
 #[command(version, after_help = AFTER_HELP, max_term_width = 110)]
@@ -88,14 +98,18 @@ pub(crate) enum Command {
     Probe(Probe),
     /// Says what is in a scene, what is odd about it, what a bake would do and leave out, and what it needs
     Inspect(Inspect),
+    /// Shows a bake in a browser: its light, what it is made of, how good it is
+    View(View),
 }
 
 impl Command {
-    pub(crate) fn general(&self) -> &General {
+    /// `None` for commands that read no scene.
+    pub(crate) fn general(&self) -> Option<&General> {
         match self {
-            Self::Bake(bake) => &bake.general,
-            Self::Probe(probe) => &probe.general,
-            Self::Inspect(inspect) => &inspect.general,
+            Self::Bake(bake) => Some(&bake.general),
+            Self::Probe(probe) => Some(&probe.general),
+            Self::Inspect(inspect) => Some(&inspect.general),
+            Self::View(_) => None,
         }
     }
 
@@ -103,7 +117,7 @@ impl Command {
     pub(crate) fn interrupted(&self) -> &'static str {
         match self {
             Self::Bake(_) => "interrupted; the previous bake is untouched",
-            Self::Probe(_) | Self::Inspect(_) => "interrupted; nothing was written",
+            Self::Probe(_) | Self::Inspect(_) | Self::View(_) => "interrupted; nothing was written",
         }
     }
 }
@@ -125,7 +139,11 @@ pub(crate) struct Bake {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub(crate) outputs: Option<Vec<OutputArg>>,
 
-    /// Stores the EXR files as 32-bit floats, not as halves
+    /// Layouts that engines already read, to write beside them, separated by commas
+    #[arg(long = "export", value_name = "LIST", value_delimiter = ',')]
+    pub(crate) exports: Vec<ExportArg>,
+
+    /// Stores the maps as 32-bit floats, not as halves
     #[arg(long)]
     pub(crate) float: bool,
 }
@@ -161,7 +179,27 @@ pub(crate) struct Inspect {
     pub(crate) quality: Quality,
 }
 
-/// What every subcommand takes.
+#[derive(Debug, clap::Args)]
+#[command(after_help = VIEW_HELP)]
+pub(crate) struct View {
+    /// Directory of a bake, or its .lumel.json where there are several
+    #[arg(value_name = "DIR")]
+    pub(crate) path: PathBuf,
+
+    /// Writes the viewer with the bake inside to FILE, and serves nothing
+    #[arg(long, value_name = "FILE")]
+    pub(crate) html: Option<PathBuf>,
+
+    /// Prints the address and opens no browser
+    #[arg(long, conflicts_with = "html")]
+    pub(crate) no_open: bool,
+
+    /// Port of the server; 0 takes a free one
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "html")]
+    pub(crate) port: u16,
+}
+
+/// What every subcommand that reads a scene takes.
 #[derive(Debug, clap::Args)]
 pub(crate) struct General {
     /// The level, .gltf or .glb
@@ -276,6 +314,7 @@ impl Bake {
     pub(crate) fn options(&self) -> Options {
         let mut options = self.quality.options();
         options.float = self.float;
+        options.exports = self.exports.iter().map(|&export| export.into()).collect();
         options.outputs = self
             .outputs
             .as_ref()
@@ -430,6 +469,8 @@ pub(crate) enum OutputArg {
     Preview,
     /// The scene with the lightmap's texture coordinates
     Glb,
+    /// Light vector and fluence as one KTX 2.0 texture: layers for red, green, blue; RGB = x, y, z, A = fluence
+    Ktx2,
 }
 
 impl From<OutputArg> for Output {
@@ -442,6 +483,30 @@ impl From<OutputArg> for Output {
             OutputArg::Error => Self::Error,
             OutputArg::Preview => Self::Preview,
             OutputArg::Glb => Self::Glb,
+            OutputArg::Ktx2 => Self::Ktx2,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExportArg {
+    /// Bakery's SH maps for Unity: L0, L1x, L1y, L1z
+    BakerySh,
+    /// Godot's directional lightmap, 4 slices one above the other
+    GodotSh,
+    /// Unity's directional mode: colour and direction
+    UnityDirectional,
+    /// Bevy's lightmap: E/pi
+    Bevy,
+}
+
+impl From<ExportArg> for Export {
+    fn from(export: ExportArg) -> Self {
+        match export {
+            ExportArg::BakerySh => Self::BakerySh,
+            ExportArg::GodotSh => Self::GodotSh,
+            ExportArg::UnityDirectional => Self::UnityDirectional,
+            ExportArg::Bevy => Self::Bevy,
         }
     }
 }

@@ -6,6 +6,7 @@ mod print;
 mod progress;
 mod run;
 mod samples;
+mod view;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;

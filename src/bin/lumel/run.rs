@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::args::{Bake, Command, General, Inspect, Probe};
 use super::progress::Display;
-use super::{INTERRUPTED, points, print, samples};
+use super::{INTERRUPTED, points, print, samples, view};
 
 /// How a command ended that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,13 +25,17 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 
 /// Runs `command` to its end.
 pub(crate) fn run(command: &Command) -> Result<Outcome> {
-    let general = command.general();
-    let display = Display::new(!general.quiet && !general.json);
-    listen_for_interrupts(&display);
+    let quiet = |general: &General| general.quiet || general.json;
+    let display = Display::new(!command.general().is_some_and(quiet));
+    // A viewer has nothing to clean up: Ctrl-C may end it at once.
+    if !matches!(command, Command::View(_)) {
+        listen_for_interrupts(&display);
+    }
     match command {
         Command::Bake(args) => run_bake(args, &display),
         Command::Probe(args) => run_probe(args, &display),
         Command::Inspect(args) => run_inspect(args, &display),
+        Command::View(args) => view::run(args),
     }
 }
 
