@@ -140,7 +140,7 @@ fn spots_fall_off_as_the_extension_says() {
         let offset = -outer.cos() * scale;
         let cosine = DVec3::NEG_Y.dot(-to_light / d);
         let angular = (cosine * scale + offset).clamp(0.0, 1.0);
-        let window = f64::max(f64::min(1.0 - (d / 9.0).powi(4), 1.0), 0.0);
+        let window = (1.0 - (d / 9.0).powi(4)).clamp(0.0, 1.0);
         let want = 3.0 * angular * angular * window / (d * d);
         assert!((got.g[0].length() - want).abs() < 1e-14, "{x}");
         if 0.01 < angular && angular < 0.99 {

@@ -4,6 +4,7 @@ use super::{Options, Output};
 use crate::lights::Lights;
 use crate::output;
 use crate::scene::Alpha;
+use crate::scene::Material;
 use crate::scene::Scene;
 use crate::transport;
 
@@ -155,7 +156,9 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
     }
     plan.decide("sky", false, "this version does not bake skies yet");
 
-    let n_masked = count_triangles(scene, |alpha| matches!(alpha, Alpha::Mask { .. }));
+    let n_masked = count_triangles(scene, |material| {
+        matches!(material.alpha, Alpha::Mask { .. })
+    });
     plan.decide(
         "alpha test",
         n_masked > 0,
@@ -165,16 +168,16 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
             "no material has alphaMode MASK".to_owned()
         },
     );
-    let n_blended = count_triangles(scene, |alpha| alpha == Alpha::Blend);
-    if n_blended > 0 {
-        plan.decide(
-            "tinted shadows",
-            false,
-            format!(
-                "{n_blended} triangles have alphaMode BLEND; in this version they cast no shadow"
-            ),
-        );
-    }
+    let n_translucent = count_triangles(scene, Material::is_translucent);
+    plan.decide(
+        "tinted shadows",
+        n_translucent > 0,
+        if n_translucent > 0 {
+            format!("light passes through {n_translucent} triangles (BLEND, transmission); lights behind them are sampled")
+        } else {
+            "no material lets light through".to_owned()
+        },
+    );
 }
 
 fn decide_punctual(plan: &mut Plan, scene: &Scene, lights: &Lights) {
@@ -279,10 +282,10 @@ fn decide_files(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
     );
 }
 
-fn count_triangles(scene: &Scene, test: impl Fn(Alpha) -> bool) -> usize {
+fn count_triangles(scene: &Scene, test: impl Fn(&Material) -> bool) -> usize {
     scene
         .triangles
         .iter()
-        .filter(|triangle| test(scene.materials[triangle.material as usize].alpha))
+        .filter(|triangle| test(&scene.materials[triangle.material as usize]))
         .count()
 }

@@ -117,6 +117,12 @@ const CONTACT: f64 = 1e-9;
 /// G; A. van Oosterom and J. Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983), for φ.
 #[must_use]
 pub fn sum(pieces: &[Piece], normal: DVec3, gradients: bool) -> Sums {
+    sum_moved(pieces, normal, gradients, 0.0)
+}
+
+/// [`sum`] when rounding may have moved every piece by `shift` metres: each then sweeps its angle times that distance as seen from the
+/// receiver, which enters the error.
+pub(super) fn sum_moved(pieces: &[Piece], normal: DVec3, gradients: bool, shift: f64) -> Sums {
     let mut sums = Sums {
         has_gradient: gradients,
         ..Sums::DARK
@@ -133,13 +139,14 @@ pub fn sum(pieces: &[Piece], normal: DVec3, gradients: bool) -> Sums {
         }
         sums.phi += edge.solid_angle(normal);
         sums.g += edge.w * (edge.beta / (2.0 * edge.s));
-        sums.rounding += edge.beta * edge.uncertainty();
+        let nearest = edge.length_a.min(edge.length_b).max(shift);
+        sums.rounding += edge.beta * (TERM_ROUNDING * edge.uncertainty() + shift / nearest);
         if sums.has_gradient && !piece.horizon {
             sums.j += edge.jacobian();
             sums.grad_phi += edge.solid_angle_gradient();
         }
     }
-    sums.rounding = (TERM_ROUNDING * sums.rounding).min(PI);
+    sums.rounding = sums.rounding.min(PI);
     if sums.has_gradient {
         sums
     } else {

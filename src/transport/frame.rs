@@ -78,3 +78,18 @@ impl Frame {
         self.centre + size_squared * (place.x * self.right + place.y * self.up)
     }
 }
+
+/// How often closed loops of segments go round a place, counter-clockwise.
+pub(super) fn turns_around(place: DVec2, segments: impl Iterator<Item = [DVec2; 2]>) -> i32 {
+    segments
+        .map(|[p, q]| {
+            let upwards = q.y > p.y;
+            let is_passed = (p.y <= place.y) != (q.y <= place.y);
+            if is_passed && ((q - p).perp_dot(place - p) > 0.0) == upwards {
+                if upwards { 1 } else { -1 }
+            } else {
+                0
+            }
+        })
+        .sum()
+}

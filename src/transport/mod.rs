@@ -7,6 +7,7 @@
 
 mod clip;
 pub mod contour;
+mod cost;
 mod distant;
 mod exact;
 mod frame;
@@ -80,7 +81,8 @@ impl Default for Options {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Estimator {
-    /// Exact contours, except where a masked occluder makes them wrong or very many edges make them dearer than rays.
+    /// Exact contours, except where a masked occluder makes them wrong, or where counted edges make them dearer than the rays that
+    /// would meet [`Options::accepted_error`].
     Auto,
     /// The contour of the visible part, clipped exactly; no rays, noise-free, with derivatives. Lights behind masked occluders are sampled.
     Exact,
@@ -175,10 +177,16 @@ pub struct Counters {
     pub pairs_unoccluded: u64,
     /// Pairs of which the light has no size: a ray per point.
     pub pairs_hard: u64,
+    /// Pairs with glass in between: sampled, or tested by one ray when the light has no size.
+    pub pairs_tinted: u64,
     /// Pairs whose visible contour was clipped exactly.
     pub pairs_exact: u64,
     /// Candidate silhouette edges of those pairs.
     pub edges: u64,
+    /// Silhouette edges that reached before a light, summed over the evaluations of those pairs.
+    pub silhouettes: u64,
+    /// Places where those met each other or the light's border, summed likewise.
+    pub crossings: u64,
     /// Pairs that were sampled.
     pub pairs_sampled: u64,
     /// Pairs that were traced as Vedel does.
@@ -201,8 +209,11 @@ impl Counters {
         self.pairs_facing_away += other.pairs_facing_away;
         self.pairs_unoccluded += other.pairs_unoccluded;
         self.pairs_hard += other.pairs_hard;
+        self.pairs_tinted += other.pairs_tinted;
         self.pairs_exact += other.pairs_exact;
         self.edges += other.edges;
+        self.silhouettes += other.silhouettes;
+        self.crossings += other.crossings;
         self.pairs_sampled += other.pairs_sampled;
         self.pairs_vedel += other.pairs_vedel;
         self.pairs_traced += other.pairs_traced;

@@ -19,110 +19,187 @@ use super::contour::Sums;
 use super::pair::Part;
 use super::source::{Source, Surface, Unoccluded};
 use crate::math;
-use crate::visibility::Visibility;
 
 /// Samples up to which a point is refined: 64 times the default, at which a straight shadow edge is known to a part in a thousand.
-const MAX_SAMPLES: u32 = 4096;
+pub(super) const MAX_SAMPLES: u32 = 4096;
 
 /// The standard error falls as N^-3/4 where a straight edge crosses the light, and more slowly in a soup.
-const CONVERGENCE: f64 = 0.75;
+pub(super) const CONVERGENCE: f64 = 0.75;
+
+/// Share of a sample by which the result may be off even where all samples agree: a part of a stratum may still be otherwise.
+pub(super) const AGREED: f64 = 0.5;
+
+/// What there is to see of a light at one receiver.
+pub(super) struct View<'a> {
+    pub(super) source: &'a Source<'a>,
+    pub(super) surface: &'a Surface<'a>,
+    pub(super) receiver: &'a Receiver,
+    /// The light with nothing in the way.
+    pub(super) whole: &'a Unoccluded,
+    /// Names the light in random numbers.
+    pub(super) light: u64,
+    /// Share of the light that arrives along each segment, per channel.
+    pub(super) arrives: &'a dyn Fn(&[[DVec3; 2]]) -> Vec<DVec3>,
+    /// Whether the channels differ; otherwise only the first is looked at.
+    pub(super) is_tinted: bool,
+}
+
+/// What is seen, per channel where they differ.
+#[derive(Clone, Debug)]
+pub(super) enum Seen {
+    /// The same in all channels.
+    Alike(Part),
+    /// Red, green, blue; each counts all rays.
+    Tinted(Box<[Part; 3]>),
+}
+
+impl Seen {
+    fn error(&self) -> f64 {
+        match self {
+            Self::Alike(part) => part.error,
+            Self::Tinted(parts) => parts.iter().map(|part| part.error).fold(0.0, f64::max),
+        }
+    }
+
+    pub(super) fn for_each(&mut self, mut change: impl FnMut(&mut Part)) {
+        match self {
+            Self::Alike(part) => change(part),
+            Self::Tinted(parts) => parts.iter_mut().for_each(change),
+        }
+    }
+}
 
 /// [`estimate`] with `samples` points, and where its standard error exceeds `accepted` steradians, again with as many fresh points as should
 /// meet it. Fresh ones, because keeping a first look only where it happened to agree with itself would bias the result.
-pub(super) fn estimate_to<V: Visibility + ?Sized>(
-    source: &Source<'_>,
-    surface: &Surface<'_>,
-    receiver: &Receiver,
-    whole: &Unoccluded,
-    light: u64,
-    (samples, accepted): (u32, f64),
-    visibility: &V,
-) -> Part {
-    let again =
-        |light, samples| estimate(source, surface, receiver, whole, light, samples, visibility);
-    let pilot = again(light, samples);
-    if accepted <= 0.0 || pilot.error <= accepted {
+pub(super) fn estimate_to(view: &View<'_>, samples: u32, accepted: f64) -> Seen {
+    let pilot = estimate(view, samples);
+    if accepted <= 0.0 || pilot.error() <= accepted {
         return pilot;
     }
-    let wanted = f64::from(samples) * (pilot.error / accepted).powf(1.0 / CONVERGENCE);
+    let wanted = f64::from(samples) * (pilot.error() / accepted).powf(1.0 / CONVERGENCE);
     let wanted = (wanted.min(f64::from(MAX_SAMPLES))) as u32;
     if wanted <= samples {
         return pilot;
     }
-    let mut part = again(!light, wanted);
-    part.rays += pilot.rays;
-    part
+    let mut pilot_rays = 0;
+    let mut pilot = pilot;
+    pilot.for_each(|part| pilot_rays = part.rays);
+    let again = View {
+        light: !view.light,
+        ..*view
+    };
+    let mut seen = estimate(&again, wanted);
+    seen.for_each(|part| part.rays += pilot_rays);
+    seen
 }
 
-/// Estimates what `receiver` sees of `source`, whose unoccluded light is `whole`, by `samples` points of which those above the horizon
-/// cast a ray each.
+/// A point of the light.
+struct Point {
+    /// Integrands of G and φ there, up to a factor.
+    g: DVec3,
+    phi: f64,
+    /// `g` along the receiver's normal; 0 below the horizon.
+    weight: f64,
+    /// What arrives of it, per channel.
+    share: DVec3,
+}
+
+/// Estimates what the receiver sees by `samples` points of which those above the horizon cast a ray each.
 ///
 /// Even when all points are visible the result has no derivative: something small may stand between them.
-pub(super) fn estimate<V: Visibility + ?Sized>(
-    source: &Source<'_>,
-    surface: &Surface<'_>,
-    receiver: &Receiver,
-    whole: &Unoccluded,
-    light: u64,
-    samples: u32,
-    visibility: &V,
-) -> Part {
-    let own = source.own_triangles();
-    let ignore = |triangle: u32| own.binary_search(&triangle).is_ok();
-    let sees = |point: DVec3| !visibility.occluded(receiver.position, point, &ignore);
-
-    let height = source.height(receiver.position).abs();
-    let mut points = Vec::with_capacity(samples as usize);
-    let (mut all, mut seen) = (Moments::default(), Moments::default());
-    let mut rays = 0;
-    for place in strata(samples, receiver.seed, light) {
-        let point = surface.point(place);
-        let to_point = point - receiver.position;
-        let cosine = to_point.dot(receiver.normal);
-        let (mut weight, mut visible) = (0.0, false);
-        if cosine > 0.0 {
-            let square = to_point.length_squared();
-            let g = to_point * (height / (square * square));
-            let phi = height / (square * square.sqrt());
-            rays += 1;
-            visible = sees(point);
-            weight = g.dot(receiver.normal);
-            all.add(g, phi);
-            if visible {
-                seen.add(g, phi);
-            }
-        }
-        points.push((weight, visible));
+pub(super) fn estimate(view: &View<'_>, samples: u32) -> Seen {
+    let points = cast(view, samples);
+    let n_rays = points.iter().filter(|point| point.weight > 0.0).count() as u32;
+    let mut all = Moments::default();
+    for point in &points {
+        all.add(point.g, point.phi);
     }
-
-    let total = all.g.dot(receiver.normal);
-    if !(total > 0.0 && total.is_finite()) {
-        return one_ray(whole, receiver, sees(whole.middle), rays + 1);
-    }
-    let g = whole.sums.g;
-    let irradiance = g.dot(receiver.normal).max(0.0);
-    let ratio = irradiance / total;
-    let visible = seen.g.dot(receiver.normal) / total;
-    Part {
-        sums: Sums {
-            g: seen.g * ratio + (g - all.g * ratio) * visible,
-            phi: whole.sums.phi * (seen.phi / all.phi),
-            ..whole.sums.without_gradient()
-        },
-        // Where all points agree a part of a stratum may still be otherwise.
-        error: (ratio * standard_deviation(&points, visible))
-            .hypot(0.5 * irradiance / points.len() as f64),
-        rays,
+    let total = all.g.dot(view.receiver.normal);
+    let of_channel: Box<dyn Fn(usize) -> Part> = if total > 0.0 && total.is_finite() {
+        Box::new(|channel| view.weigh(&points, &all, channel, n_rays))
+    } else {
+        let segment = [view.receiver.position, view.whole.middle];
+        let share = (view.arrives)(&[segment])[0];
+        Box::new(move |channel| view.by_one_ray(share[channel], n_rays + 1))
+    };
+    if view.is_tinted {
+        Seen::Tinted(Box::new([0, 1, 2].map(of_channel)))
+    } else {
+        Seen::Alike(of_channel(0))
     }
 }
 
-/// What is left when no point lies above the horizon although some of the light does: all or nothing, by one ray.
-fn one_ray(whole: &Unoccluded, receiver: &Receiver, visible: bool, rays: u32) -> Part {
-    let sums = if visible { whole.sums } else { Sums::DARK };
-    Part {
-        sums: sums.without_gradient(),
-        error: 0.5 * whole.sums.g.dot(receiver.normal).max(0.0),
-        rays,
+fn cast(view: &View<'_>, samples: u32) -> Vec<Point> {
+    let receiver = view.receiver;
+    let height = view.source.height(receiver.position).abs();
+    let mut points = Vec::with_capacity(samples as usize);
+    let mut segments = Vec::with_capacity(samples as usize);
+    for place in strata(samples, receiver.seed, view.light) {
+        let target = view.surface.point(place);
+        let to_point = target - receiver.position;
+        let mut point = Point {
+            g: DVec3::ZERO,
+            phi: 0.0,
+            weight: 0.0,
+            share: DVec3::ZERO,
+        };
+        if to_point.dot(receiver.normal) > 0.0 {
+            let square = to_point.length_squared();
+            point.g = to_point * (height / (square * square));
+            point.phi = height / (square * square.sqrt());
+            point.weight = point.g.dot(receiver.normal);
+        }
+        if point.weight > 0.0 {
+            segments.push([receiver.position, target]);
+        }
+        points.push(point);
+    }
+    let shares = (view.arrives)(&segments);
+    let lit = points.iter_mut().filter(|point| point.weight > 0.0);
+    for (point, share) in lit.zip(shares) {
+        point.share = share;
+    }
+    points
+}
+
+impl View<'_> {
+    /// The ratio estimate of one channel.
+    fn weigh(&self, points: &[Point], all: &Moments, channel: usize, rays: u32) -> Part {
+        let normal = self.receiver.normal;
+        let mut seen = Moments::default();
+        for point in points {
+            let share = point.share[channel];
+            seen.add(point.g * share, point.phi * share);
+        }
+        let g = self.whole.sums.g;
+        let irradiance = g.dot(normal).max(0.0);
+        let total = all.g.dot(normal);
+        let ratio = irradiance / total;
+        let visible = seen.g.dot(normal) / total;
+        Part {
+            sums: Sums {
+                g: seen.g * ratio + (g - all.g * ratio) * visible,
+                phi: self.whole.sums.phi * (seen.phi / all.phi),
+                ..self.whole.sums.without_gradient()
+            },
+            error: (ratio * standard_deviation(points, channel, visible))
+                .hypot(AGREED * irradiance / points.len() as f64),
+            rays,
+        }
+    }
+
+    /// What is left when no point lies above the horizon although some of the light does: all or nothing.
+    fn by_one_ray(&self, share: f64, rays: u32) -> Part {
+        let whole = self.whole.sums;
+        Part {
+            sums: Sums {
+                g: whole.g * share,
+                phi: whole.phi * share,
+                ..whole.without_gradient()
+            },
+            error: 0.5 * whole.g.dot(self.receiver.normal).max(0.0),
+            rays,
+        }
     }
 }
 
@@ -170,12 +247,11 @@ fn strata(count: u32, seed: u64, light: u64) -> impl Iterator<Item = [f64; 2]> {
 /// one point it is half of the weight.
 ///
 /// Source: W. Cochran, "Sampling techniques", 3rd edition 1977, on collapsed strata and on the residuals of a ratio.
-fn standard_deviation(points: &[(f64, bool)], mean: f64) -> f64 {
-    if let [(weight, _)] = points {
-        return 0.5 * weight;
+fn standard_deviation(points: &[Point], channel: usize, mean: f64) -> f64 {
+    if let [point] = points {
+        return 0.5 * point.weight;
     }
-    let residual =
-        |&(weight, visible): &(f64, bool)| weight * (f64::from(u8::from(visible)) - mean);
+    let residual = |point: &Point| point.weight * (point.share[channel] - mean);
     let squares: f64 = points
         .windows(2)
         .map(|pair| (residual(&pair[0]) - residual(&pair[1])).powi(2))
@@ -189,24 +265,35 @@ mod tests {
     use crate::lights::Polygon;
     use crate::transport::clip::{self, Direction, Plane};
     use crate::transport::contour;
-    use crate::visibility::Hit;
 
-    /// Hides what is on the lower side of a plane through the receiver: an occluder with one straight edge, seen edge-on.
-    struct Screen(Plane);
-
-    impl Visibility for Screen {
-        fn occluded(&self, _from: DVec3, to: DVec3, _ignore: &dyn Fn(u32) -> bool) -> bool {
-            !self.0.is_above(to)
-        }
-
-        fn closest(
-            &self,
-            _origin: DVec3,
-            _direction: DVec3,
-            _max_distance: f64,
-            _ignore: &dyn Fn(u32) -> bool,
-        ) -> Option<Hit> {
-            None
+    /// [`super::estimate`] before an occluder with one straight edge, seen edge-on: what is on the lower side of `screen` is hidden.
+    fn estimate(
+        source: &Source<'_>,
+        receiver: &Receiver,
+        whole: &Unoccluded,
+        light: u64,
+        samples: u32,
+        screen: &Plane,
+    ) -> Part {
+        let surface = source.spread(receiver.position);
+        let arrives = |segments: &[[DVec3; 2]]| {
+            let is_open = segments.iter().map(|[_, to]| screen.is_above(*to));
+            is_open
+                .map(|open| DVec3::splat(f64::from(u8::from(open))))
+                .collect()
+        };
+        let view = View {
+            source,
+            surface: &surface,
+            receiver,
+            whole,
+            light,
+            arrives: &arrives,
+            is_tinted: false,
+        };
+        match super::estimate(&view, samples) {
+            Seen::Alike(part) => part,
+            Seen::Tinted(_) => panic!("nothing tints"),
         }
     }
 
@@ -274,15 +361,7 @@ mod tests {
                 .unoccluded(&receiver, false, &mut Vec::new())
                 .expect("the light is above");
             let want = visible_part(&light, &receiver, &screen);
-            let got = estimate(
-                &source,
-                &surface,
-                &receiver,
-                &whole,
-                0,
-                samples,
-                &Screen(screen),
-            );
+            let got = estimate(&source, &receiver, &whole, 0, samples, &screen);
             let scale = whole.sums.g.z;
             squares[0] += ((got.sums.g.z - want.g.z) / scale).powi(2);
             squares[1] += (got.error / scale).powi(2);
@@ -318,40 +397,22 @@ mod tests {
     fn all_points_visible_gives_the_closed_form_and_none_gives_nothing() {
         let light = light();
         let source = Source::new(&light);
-        let surface = source.spread(DVec3::ZERO);
+
         for (seed, samples) in (0..50).zip(1..) {
             let receiver = receiver(DVec3::new(0.1, 0.02 * seed as f64, 0.0), seed);
             let whole = source
                 .unoccluded(&receiver, true, &mut Vec::new())
                 .expect("the light is above");
-            let screen = |normal| {
-                Screen(Plane {
-                    point: receiver.position,
-                    normal,
-                })
+            let screen = |normal| Plane {
+                point: receiver.position,
+                normal,
             };
-            let lit = estimate(
-                &source,
-                &surface,
-                &receiver,
-                &whole,
-                3,
-                samples,
-                &screen(DVec3::Z),
-            );
+            let lit = estimate(&source, &receiver, &whole, 3, samples, &screen(DVec3::Z));
             assert!((lit.sums.g - whole.sums.g).length() < 1e-15);
             assert!((lit.sums.phi - whole.sums.phi).abs() < 1e-15);
             assert!(!lit.sums.has_gradient);
             assert_eq!(lit.rays, samples);
-            let dark = estimate(
-                &source,
-                &surface,
-                &receiver,
-                &whole,
-                3,
-                samples,
-                &screen(-DVec3::Z),
-            );
+            let dark = estimate(&source, &receiver, &whole, 3, samples, &screen(-DVec3::Z));
             assert_eq!(dark.sums.g, DVec3::ZERO);
             assert!(dark.sums.phi == 0.0 && !dark.sums.has_gradient);
         }
@@ -361,7 +422,7 @@ mod tests {
     fn a_sliver_above_the_horizon_that_no_point_meets_gets_one_ray() {
         let light = light();
         let source = Source::new(&light);
-        let surface = source.spread(DVec3::ZERO);
+
         // The horizon passes 1e-6 m inside the light's border.
         let mut receiver = receiver(DVec3::ZERO, 5);
         let border = DVec3::new(1.0 - 1e-6, 0.0, 3.0);
@@ -370,11 +431,11 @@ mod tests {
             .unoccluded(&receiver, false, &mut Vec::new())
             .expect("a sliver is above");
         assert!(whole.middle.dot(receiver.normal) >= 0.0);
-        let open = Screen(Plane {
+        let open = Plane {
             point: DVec3::ZERO,
             normal: DVec3::Z,
-        });
-        let got = estimate(&source, &surface, &receiver, &whole, 0, 4, &open);
+        };
+        let got = estimate(&source, &receiver, &whole, 0, 4, &open);
         assert_eq!(got.rays, 1);
         assert_eq!(got.sums.g, whole.sums.g);
         assert!(got.error > 0.0);

@@ -491,6 +491,12 @@ impl<'a> Source<'a> {
         !matches!(self.shape, Shape::Distant { .. })
     }
 
+    /// Diameter over distance, radians.
+    pub(super) fn apparent_size(&self, position: DVec3) -> f64 {
+        let distance = self.seen_middle(position).distance(position);
+        2.0 * self.radius / distance.max(self.radius)
+    }
+
     /// A box that holds it, world metres.
     pub(super) fn bounds(&self) -> Aabb {
         Aabb {

@@ -276,3 +276,57 @@ fn above(polygon: &[Vector], normal: Vector) -> Vec<Vector> {
     }
     kept
 }
+
+/// Irradiance by what is left of `light` (triangles, seen from their front) behind `occluders`, at `x` with this normal.
+///
+/// Cuts the light, in space, by the planes through receiver and sides of occluders, keeps what is outside of any, and adds up Lambert's
+/// formula. Occluders lie between receiver and light.
+pub(crate) fn irradiance_behind(
+    x: DVec3,
+    normal: DVec3,
+    light: &[[DVec3; 3]],
+    occluders: &[[DVec3; 3]],
+) -> f64 {
+    let (x, normal) = (vector(x), vector(normal));
+    let seen = |triangle: &[DVec3; 3]| triangle.map(|vertex| minus(vector(vertex), x)).to_vec();
+    let mut pieces: Vec<Vec<Vector>> = light
+        .iter()
+        .map(|triangle| above(&seen(triangle), normal))
+        .collect();
+    for occluder in occluders.iter().map(seen) {
+        let planes = [0, 1, 2].map(|k| cross(occluder[k], occluder[(k + 1) % 3]));
+        let volume = dot(planes[0], occluder[2]);
+        if volume.high == 0.0 {
+            continue;
+        }
+        let planes = planes.map(|plane| {
+            if volume.high < 0.0 {
+                plane.map(|x| -x)
+            } else {
+                plane
+            }
+        });
+        let mut next = Vec::new();
+        for mut rest in pieces {
+            for plane in planes {
+                next.push(above(&rest, plane.map(|x| -x)));
+                rest = above(&rest, plane);
+            }
+        }
+        next.retain(|piece| piece.len() > 2);
+        pieces = next;
+    }
+    let mut sum = ZERO;
+    for piece in pieces {
+        for k in 0..piece.len() {
+            let (a, b) = (piece[k], piece[(k + 1) % piece.len()]);
+            let w = cross(minus(b, a), a);
+            let s = length(w);
+            if s.high > 0.0 {
+                let angle = s.atan2(dot(a, b));
+                sum = sum + dot(w, normal) * angle * Dd::from(0.5) / s;
+            }
+        }
+    }
+    sum.to_f64()
+}

@@ -1,6 +1,6 @@
 //! Light from polygons: closed forms against extended precision, laws, and the estimators against closed forms.
 
-mod extended;
+pub(crate) mod extended;
 
 use std::f64::consts::PI;
 

@@ -261,12 +261,12 @@ pub(crate) struct Sampling {
 /// How large authored lights are whose nodes do not say it.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Sizes {
-    /// Radius in metres of point and spot lights; 0 casts hard shadows. A node's extras win: {"lumel": {"radius": 0.1}} [default: 0]
+    /// Radius in metres of point and spot lights; 0 casts hard shadows. A node's extras win: `{"lumel": {"radius": 0.1}}` [default: 0]
     #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(0.0..=1e3))]
     light_radius: Option<f64>,
 
     /// Angular diameter in degrees of directional lights; 0 casts hard shadows. A node's extras win, in radians as all of glTF:
-    /// {"lumel": {"angular_diameter": 0.00925}} [default: 0.53, the sun's]
+    /// `{"lumel": {"angular_diameter": 0.00925}}` [default: 0.53, the sun's]
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = real(0.0..=90.0))]
     sun_angle: Option<f64>,
 }

@@ -15,7 +15,7 @@ use crate::transport::exact::{self, Inside};
 const UNDECIDED: f64 = 1e-5;
 
 /// Places within this of each other are the same. Rounding is a thousandth of it, a pixel of a light a thousand times as much.
-const SAME: f64 = 1e-9;
+pub(super) const SAME: f64 = 1e-9;
 
 /// What is known of a loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -196,7 +196,7 @@ impl Arrangement {
         for group in ends.chunk_by(|a, b| a.0 == b.0) {
             match group {
                 // Beside the light not all triangles are at hand.
-                [(_, _, place)] if is_outside(&segments[..4], *place) => {}
+                [(_, _, place)] if is_outside(&segments[..4], *place, SAME) => {}
                 [_] => return None,
                 [a, b] => self.join(a.1, b.1),
                 // Who follows whom is not obvious; every part is looked at by itself.
@@ -303,9 +303,9 @@ fn is_closed(pieces: &[[DVec2; 2]]) -> bool {
     linear.length().max(quadratic.length()) < SAME
 }
 
-/// Whether a place lies on the rim of the light or outside, of which `border` are the sides.
-fn is_outside(border: &[Segment], place: DVec2) -> bool {
-    border.iter().any(|side| side.side(place) > -SAME)
+/// Whether a place lies outside the light of which `border` are the sides, or nearer to its rim than `slack`.
+pub(super) fn is_outside(border: &[Segment], place: DVec2, slack: f64) -> bool {
+    border.iter().any(|side| side.side(place) > -slack)
 }
 
 /// Both breaks of every crossing; pairs are found by sweeping along x.

@@ -18,6 +18,7 @@
 
 mod arrangement;
 mod mesh;
+mod tile;
 
 use std::collections::BTreeMap;
 
@@ -25,11 +26,13 @@ use glam::{DVec2, DVec3};
 
 use self::arrangement::{Arrangement, Knowledge, Note, Segment};
 use self::mesh::Mesh;
+pub(super) use self::tile::Tile;
+use self::tile::{FEW_TRIANGLES, Neighbour, pyramid};
 use super::contour::Piece;
 use super::exact::{self, Chain, Inside};
 use super::frame::{self, Frame};
 use crate::math::Aabb;
-use crate::visibility::{Edges, Occluders, Visibility};
+use crate::visibility::Visibility;
 
 /// Lattice cells along each side of a light. With 2, a third of the rays miss ten times as much; with 8, three times the rays find what
 /// is left, at a fifth of the error.
@@ -38,10 +41,6 @@ pub(super) const CELLS: usize = 4;
 /// Share of a light by which the result is off on average where a fine mesh stands before it: bulges that the rays pass by. Measured over
 /// the floor of the fixture `penumbra`, 1.0e-7; no ray tells it for a single point.
 pub(super) const MISSED: f64 = 1e-7;
-
-/// Triangles of a connected part up to which all its outlines are looked up, instead of waiting for rays to meet them. That costs as much as a
-/// few rays; what a coarse mesh hides, a post or a bar, passes between the rays more easily than what a fine one does.
-const FEW_TRIANGLES: usize = 256;
 
 /// Connected parts before a light above which tracing is not tried. Most parts of a soup are hit by no ray of the lattice, so the
 /// rays would be wasted; fewer would give up scenes that 25 rays can still account for.
@@ -66,35 +65,6 @@ const MAX_ROUNDS: usize = 6;
 /// Rays end this part of their length before the light: what lies there does not hide it, and the light's plane does not count.
 const SHORT_OF_THE_LIGHT: f64 = 1e-9;
 
-/// Growth of boxes, relative to their largest coordinate: far above the rounding of a ray, far below anything that is seen.
-const BOX_SLACK: f64 = 1e-12;
-
-/// The occluders between a tile and a light, in connected parts.
-#[derive(Debug)]
-pub(super) struct Tile<'a> {
-    occluders: &'a Occluders<'a>,
-    edges: &'a Edges,
-    /// Ascending.
-    candidates: Vec<u32>,
-    /// What each of them has at each of its sides.
-    neighbours: Vec<[Neighbour; 3]>,
-    /// The connected part that each of them belongs to.
-    components: Vec<u32>,
-    /// World boxes of the connected parts.
-    boxes: Vec<Aabb>,
-    /// How many triangles each of them has.
-    sizes: Vec<usize>,
-}
-
-/// The other candidates at a side of a triangle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Neighbour {
-    None,
-    /// Its place among the candidates.
-    One(u32),
-    Several,
-}
-
 /// What tracing finds.
 #[derive(Debug)]
 pub(super) enum Outcome {
@@ -106,115 +76,7 @@ pub(super) enum Outcome {
     Unclear,
 }
 
-impl<'a> Tile<'a> {
-    /// `candidates` (ascending): what may hide some of the light from some receiver. `light`: a point of the light's plane and its unit
-    /// normal towards all receivers.
-    ///
-    /// `None` when a candidate reaches to the light's plane: its outline would have to be cut there.
-    pub(super) fn new(
-        occluders: &'a Occluders<'a>,
-        candidates: Vec<u32>,
-        (point, normal): (DVec3, DVec3),
-    ) -> Option<Self> {
-        let mut tile = Self {
-            occluders,
-            edges: occluders.edges(),
-            candidates,
-            neighbours: Vec::new(),
-            components: Vec::new(),
-            boxes: Vec::new(),
-            sizes: Vec::new(),
-        };
-        let n_triangles = tile.candidates.len();
-        let is_before = |vertex: DVec3| {
-            let rounding = BOX_SLACK * (vertex.abs().max_element() + point.abs().max_element());
-            normal.dot(vertex - point) > rounding
-        };
-        if !(0..n_triangles).all(|triangle| tile.corners(triangle).into_iter().all(is_before)) {
-            return None;
-        }
-        tile.neighbours = (0..n_triangles)
-            .map(|triangle| [0, 1, 2].map(|side| tile.neighbour(triangle, side)))
-            .collect();
-        tile.find_components();
-        Some(tile)
-    }
-
-    /// What may hide some of the light from some receiver, ascending.
-    pub(super) fn candidates(&self) -> &[u32] {
-        &self.candidates
-    }
-
-    /// Whether outlines may be missed: some connected part is too fine to be looked up.
-    pub(super) fn is_fine(&self) -> bool {
-        self.sizes.iter().any(|size| *size > FEW_TRIANGLES)
-    }
-
-    /// The place of a triangle of the scene among the candidates.
-    fn place(&self, triangle: u32) -> Option<usize> {
-        self.candidates.binary_search(&triangle).ok()
-    }
-
-    fn corners(&self, triangle: usize) -> [DVec3; 3] {
-        self.edges.corners[self.candidates[triangle] as usize]
-            .map(|corner| self.edges.vertices[corner as usize])
-    }
-
-    fn sides(&self, triangle: usize) -> [u32; 3] {
-        self.edges.sides[self.candidates[triangle] as usize]
-    }
-
-    /// Candidates that have `edge`, and which of their sides it is.
-    fn around_edge(&self, edge: u32) -> impl Iterator<Item = (usize, usize)> {
-        self.edges
-            .around_edge(edge)
-            .filter_map(|(triangle, side)| Some((self.place(triangle)?, side)))
-    }
-
-    fn neighbour(&self, triangle: usize, side: usize) -> Neighbour {
-        let edge = self.sides(triangle)[side];
-        let mut others = self
-            .around_edge(edge)
-            .filter(|(other, _)| *other != triangle);
-        match (others.next(), others.next()) {
-            (None, _) => Neighbour::None,
-            (Some((other, _)), None) => Neighbour::One(other as u32),
-            _ => Neighbour::Several,
-        }
-    }
-
-    /// Numbers the parts that hang together by edges, and finds their boxes.
-    fn find_components(&mut self) {
-        const NONE: u32 = u32::MAX;
-        self.components = vec![NONE; self.candidates.len()];
-        let mut stack = Vec::new();
-        for start in 0..self.candidates.len() {
-            if self.components[start] != NONE {
-                continue;
-            }
-            let component = self.boxes.len() as u32;
-            let (mut bounds, mut size) = (Aabb::EMPTY, 0);
-            self.components[start] = component;
-            stack.push(start);
-            while let Some(triangle) = stack.pop() {
-                size += 1;
-                bounds = bounds.union(Aabb::from_points(self.corners(triangle)));
-                for edge in self.sides(triangle) {
-                    for (other, _) in self.edges.around_edge(edge) {
-                        if let Some(other) = self.place(other)
-                            && self.components[other] == NONE
-                        {
-                            self.components[other] = component;
-                            stack.push(other);
-                        }
-                    }
-                }
-            }
-            self.boxes.push(bounds);
-            self.sizes.push(size);
-        }
-    }
-
+impl Tile<'_> {
     /// The contour of the part of the light that `receiver` sees, with a start lattice of `cells`² cells, and the rays cast for it.
     ///
     /// - `borders`: the light's contours above the horizon, relative to the receiver.
@@ -248,38 +110,6 @@ impl<'a> Tile<'a> {
         let outcome = tracer.contour(borders, &before);
         (outcome.unwrap_or(Outcome::Unclear), tracer.rays)
     }
-
-    /// Connected parts whose boxes reach into the pyramid from `receiver` to the light.
-    fn before(&self, receiver: DVec3, borders: &[Piece]) -> Vec<usize> {
-        let planes = pyramid(borders);
-        (0..self.boxes.len())
-            .filter(|&component| {
-                let grown = self.relative_box(component, receiver);
-                planes.iter().all(|plane| {
-                    let highest = (*plane * grown.min).max(*plane * grown.max);
-                    highest.element_sum() > 0.0
-                })
-            })
-            .collect()
-    }
-
-    /// The box of a connected part relative to the receiver, a little larger.
-    fn relative_box(&self, component: usize, receiver: DVec3) -> Aabb {
-        let bounds = &self.boxes[component];
-        let slack = BOX_SLACK * (bounds.largest_coordinate() + receiver.abs().max_element());
-        Aabb {
-            min: bounds.min - receiver - slack,
-            max: bounds.max - receiver + slack,
-        }
-    }
-}
-
-/// Inward normals of the planes through the receiver and the sides of a convex light.
-fn pyramid(borders: &[Piece]) -> Vec<DVec3> {
-    borders
-        .iter()
-        .map(|border| border.a.cross(border.b - border.a))
-        .collect()
 }
 
 /// A point of the light and what is known of it.
@@ -337,7 +167,6 @@ impl<'a> Tracer<'a> {
                 let along = (q - p).normalize_or_zero();
                 Segment {
                     inside: Inside {
-                        chain: index,
                         ends: [borders[index].b, borders[index].a],
                         depths: [1.0; 2],
                         places: [p, q],
@@ -656,7 +485,7 @@ impl<'a> Tracer<'a> {
         let images = ends.map(|end| self.frame.project(end));
         let range = exact::depth_range(images[0].z, images[1].z)?;
         let chain = Chain::new(ends, images, range, vertices, 1)?;
-        let inside = exact::clip_to_rectangle(self.segments.len(), &chain, self.low, self.high)?;
+        let inside = chain.clipped(self.low, self.high)?;
         Some(Segment {
             inside,
             line: chain.line,
@@ -673,7 +502,7 @@ impl<'a> Tracer<'a> {
             let [p, q] = segment.inside.places;
             // To the right, which is not covered.
             let place = segment.place(t) - BESIDE * (q - p).normalize_or_zero().perp();
-            let is_outside = self.segments[..4].iter().any(|side| side.side(place) > 0.0);
+            let is_outside = arrangement::is_outside(&self.segments[..4], place, 0.0);
             let target = self.frame.point(place);
             let hit = if is_outside { None } else { self.look(target) };
             let found = Knowledge {
@@ -704,29 +533,14 @@ impl<'a> Tracer<'a> {
 
     /// Whether the region enclosed by the pieces holds the visible inner lattice points and no hidden ones.
     fn agrees_with(&self, pieces: &[[DVec2; 2]]) -> bool {
-        let is_inner = |sample: &&Sample| {
-            self.segments[..4]
-                .iter()
-                .all(|side| side.side(sample.place) < -1e-9)
-        };
+        let border = &self.segments[..4];
+        let is_inner =
+            |sample: &&Sample| !arrangement::is_outside(border, sample.place, arrangement::SAME);
         self.samples.iter().filter(is_inner).all(|sample| {
-            let enclosed = winding(sample.place, pieces);
+            let enclosed = frame::turns_around(sample.place, pieces.iter().copied());
             enclosed == i32::from(sample.hit.is_none())
         })
     }
-}
-
-/// How often closed loops of pieces go round `place`.
-fn winding(place: DVec2, pieces: &[[DVec2; 2]]) -> i32 {
-    let mut winding = 0;
-    for &[p, q] in pieces {
-        let upwards = q.y > p.y;
-        let crosses = (p.y <= place.y) != (q.y <= place.y);
-        if crosses && ((q - p).perp_dot(place - p) > 0.0) == upwards {
-            winding += if upwards { 1 } else { -1 };
-        }
-    }
-    winding
 }
 
 /// Whether the segment from the origin to `target` meets a box.

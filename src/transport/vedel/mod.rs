@@ -17,8 +17,8 @@
 //!   they are known to be in. The paper says a strip along it of the width of an interval, the same for a contour across its sides.
 //! - No interpolation along scanlines and no shaft of candidates per span; what follows the bake does both.
 //!
-//! What no setting heals but a denser first level: an occluder that lies between the samples is not seen at all, and the claimed error does
-//! not know of it. Where the contour is a tangle the grid is refined down to the sample array, and a point costs thousands of rays.
+//! What no setting heals but a denser first level: an occluder that lies between the samples is not seen at all. The claimed error allows
+//! for it by a share of the light per sample. Where the contour is a tangle the grid is refined down to the sample array, and a point costs thousands of rays.
 //!
 //! Source: C. Vedel, "Computing illumination from area light sources by approximate contour integration", Graphics Interface 1993.
 
@@ -214,6 +214,8 @@ pub(super) struct Outcome {
     pub(super) error: f64,
     /// Rays cast.
     pub(super) rays: u32,
+    /// Those of them that looked whether a place is visible.
+    pub(super) samples: u32,
 }
 
 /// A light that rays look at.
@@ -253,6 +255,7 @@ impl<V: Visibility + ?Sized> View<'_, V> {
             return Outcome {
                 error: 0.0,
                 rays: 0,
+                samples: 0,
             };
         };
         let mut tracer = Tracer::new(&grid, settings, lattice, lines);
@@ -291,6 +294,7 @@ impl<V: Visibility + ?Sized> View<'_, V> {
         Outcome {
             error,
             rays: (lattice.n_filled() + depths.len()) as u32,
+            samples: lattice.n_filled() as u32,
         }
     }
 

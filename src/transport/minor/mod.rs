@@ -12,11 +12,17 @@
 //! Differences to Radiance: histories are those of the tile, so that neither the order of tiles nor threads change anything; groups of
 //! lights between which and the tile nothing stands cast no rays; and the untested part enters the error as the bound it is.
 
+mod flock;
+mod split;
+
 use std::ops::Range;
 
 use glam::DVec3;
 
-use super::contour::{Piece, Sums};
+use self::flock::Flock;
+pub use self::split::MANY_LIGHTS;
+pub(super) use self::split::{Split, split};
+use super::contour::Piece;
 use super::gather::Total;
 use super::pair::Part;
 use super::source::{Source, Surface};
@@ -24,95 +30,15 @@ use super::{Counters, Options, Receiver};
 use crate::math::{self, Aabb};
 use crate::visibility::{Occluders, Shaft, Visibility};
 
-/// Lights of a tile from which on shadow testing is adaptive; fewer are all integrated, since there is little to choose from.
-pub const MANY_LIGHTS: usize = 16;
-
 /// Lights whose view of the tile is looked at together. Fewer make more shafts, more make them wider, and fewer of them empty.
 const GROUP: usize = 16;
-
-/// Of so many receivers one is asked which lights are large. A tile of 64 has eight, one in each row.
-const WITNESSES: usize = 9;
-
-/// Distance in its radii from which an open group of lights that look the same way counts as one, at its middle: it then gives
-/// some 0.2 % more or less.
-const AS_ONE: f64 = 15.0;
 
 /// Standard deviations of a ray's answer that count as its error: what a threshold leaves out is to be bounded, not guessed.
 const SIGMAS: f64 = 3.0;
 
-/// Cosine between normals that count as one: a thousandth of what a light gives edge-on.
-const SAME_WAY: f64 = 1.0 - 1e-6;
-
-/// Rays that a receiver has for minor lights. The visible share of n lights drawn in the order of space is known to some 0.2 / √n of what
-/// they give together: 1 %, of the part of the light that is minor.
+/// Rays that a receiver has for minor lights; of more lights it draws. On a hall with 10,000 lamps the error is 0.3 % of the light with 800 and
+/// 0.6 % with 400.
 const MAX_RAYS: usize = 800;
-
-/// Which lights of a tile are integrated, and which are tested by a ray or not at all.
-pub(super) struct Split {
-    /// Indices of the lights to integrate, ascending.
-    pub(super) major: Vec<usize>,
-    /// The others, in the order of space.
-    pub(super) minor: Vec<usize>,
-}
-
-/// Separates the lights whose penumbrae are worth integrating from the minor ones. `lights` are indices of `sources`, ascending. A light at
-/// infinity is never minor.
-pub(super) fn split(
-    sources: &[Source<'_>],
-    lights: Vec<usize>,
-    tile: &[Receiver],
-    threshold: f64,
-) -> Split {
-    let mut split = Split {
-        major: Vec::new(),
-        minor: Vec::new(),
-    };
-    if lights.len() < MANY_LIGHTS || threshold <= 0.0 {
-        split.major = lights;
-        return split;
-    }
-    let witnesses = || tile.iter().step_by(WITNESSES);
-    let rows: Vec<Vec<f64>> = lights
-        .iter()
-        .map(|&light| witnesses().map(|at| sources[light].potential(at)).collect())
-        .collect();
-    let mut totals = vec![0.0; witnesses().count()];
-    for row in &rows {
-        for (total, potential) in totals.iter_mut().zip(row) {
-            *total += potential;
-        }
-    }
-    for (light, row) in lights.into_iter().zip(rows) {
-        let is_large = row
-            .iter()
-            .zip(&totals)
-            .any(|(potential, total)| *potential > threshold * total);
-        if is_large || !sources[light].has_place() {
-            split.major.push(light);
-        } else {
-            split.minor.push(light);
-        }
-    }
-    let centre = |light: usize| sources[light].bounds().centre();
-    let bounds = Aabb::from_points(split.minor.iter().map(|&light| centre(light)));
-    split
-        .minor
-        .sort_by_cached_key(|&light| (along_curve(centre(light), &bounds), light));
-    split
-}
-
-/// Place of a point of the box along Morton's curve, which keeps neighbours together: the bits of its coordinates in turn.
-fn along_curve(point: DVec3, bounds: &Aabb) -> u64 {
-    let size = (bounds.max - bounds.min).max(DVec3::splat(f64::MIN_POSITIVE));
-    let cell = ((point - bounds.min) / size * 1023.0)
-        .to_array()
-        .map(|x| x as u64);
-    (0..10).fold(0, |key, bit| {
-        (0..3).fold(key, |key, axis| {
-            key | ((cell[axis] >> bit) & 1) << (3 * bit + axis)
-        })
-    })
-}
 
 /// What the tests of one tile said of one light.
 #[derive(Clone, Copy, Default)]
@@ -164,17 +90,6 @@ struct Group {
     open: bool,
     /// All of them as one, where they look the same way.
     flock: Option<Flock>,
-}
-
-/// Polygons of one direction as a speck.
-struct Flock {
-    /// Weighted by what they give, world metres.
-    centre: DVec3,
-    /// Radius of a sphere around the centre that holds all.
-    radius: f64,
-    normal: DVec3,
-    /// Sum of radiance × area, per channel.
-    output: DVec3,
 }
 
 /// The lights and rays of a tile.
@@ -512,59 +427,11 @@ impl Tests<'_, '_> {
 }
 
 impl Group {
-    /// The group as one, where `receiver` is far enough away, before all of its lights, and all are above the horizon.
+    /// The group as one, where `receiver` may take it so.
     fn flock_at(&self, receiver: &Receiver) -> Option<&Flock> {
-        self.flock.as_ref().filter(|flock| {
-            let offset = flock.centre - receiver.position;
-            offset.length_squared() > (AS_ONE * flock.radius).powi(2)
-                && offset.dot(receiver.normal) > flock.radius
-                && -offset.dot(flock.normal) > flock.radius
-        })
-    }
-}
-
-impl Flock {
-    fn of(lights: &[Minor<'_, '_>]) -> Option<Self> {
-        let first = lights.first()?.source.polygon()?.normal;
-        let mut weight = 0.0;
-        let mut flock = Self {
-            centre: DVec3::ZERO,
-            radius: 0.0,
-            normal: first,
-            output: DVec3::ZERO,
-        };
-        for minor in lights {
-            let polygon = minor.source.polygon()?;
-            if polygon.two_sided || polygon.normal.dot(first) < SAME_WAY {
-                return None;
-            }
-            let output = polygon.radiance * polygon.area;
-            let share = output.element_sum();
-            flock.output += output;
-            flock.centre += share * minor.source.bounds().centre();
-            weight += share;
-        }
-        flock.centre /= weight;
-        for minor in lights {
-            let bounds = minor.source.bounds();
-            let reach = bounds.centre().distance(flock.centre) + 0.5 * bounds.diagonal();
-            flock.radius = flock.radius.max(reach);
-        }
-        flock.centre.is_finite().then_some(flock)
-    }
-
-    /// Light of a square metre at the centre.
-    fn sums(&self, position: DVec3) -> Sums {
-        let offset = self.centre - position;
-        let square = offset.length_squared();
-        let distance = square.sqrt();
-        let phi = -offset.dot(self.normal) / (distance * square);
-        Sums {
-            g: offset * (phi / distance),
-            phi,
-            rounding: phi / (AS_ONE * AS_ONE),
-            ..Sums::DARK
-        }
+        self.flock
+            .as_ref()
+            .filter(|flock| flock.is_one_to(receiver))
     }
 }
 
