@@ -128,8 +128,8 @@ fn compare(
                 rng.direction()
             };
             let shown = shown(texel, n);
-            for channel in 0..3 {
-                let got = PI * shown[channel];
+            for (channel, shown) in shown.into_iter().enumerate() {
+                let got = PI * shown;
                 let want = wanted(light, channel, n);
                 let error = (got - want).abs();
                 assert!(
@@ -190,8 +190,7 @@ fn bakery_s_non_linear_formula_gets_numbers_that_it_can_take() {
     let names = ["L0", "L1x", "L1y", "L1z"].map(|part| format!("bakery_{part}"));
     let maps = names.map(|name| pixels(folder.path(), &page, &name));
     for (texel, light) in lights.iter().enumerate().filter(|(texel, _)| texel % 6 > 0) {
-        for channel in 0..3 {
-            let l0 = maps[0][texel][channel];
+        for (channel, l0) in maps[0][texel].into_iter().take(3).enumerate() {
             let axis = |map: usize| (maps[map][texel][channel] * 2.0 - 1.0) * l0 * 2.0;
             let half_l1 = 0.5 * DVec3::new(axis(1), axis(2), axis(3));
             // A single light has |R1| = R0, the most there can be; rounding adds less than a thousandth.
