@@ -38,6 +38,7 @@ Files in DIR, <scene> being the scene's file name without its ending and <P> the
   <scene>_lm<P>_E.exr            irradiance at the flat normal, lux
   <scene>_lm<P>_{Gr,Gg,Gb}.exr   light vector per colour channel, world space, lux
   <scene>_lm<P>_phi.exr          fluence, lux
+  <scene>_lm<P>_light.ktx2       light vector and fluence as one texture (--outputs ktx2)
   <scene>_lm<P>_preview.png      a picture of E
   <scene>.glb                    the scene with the lightmap's texture coordinates
   <scene>.lumel.json             the manifest
