@@ -40,6 +40,7 @@ const HIDDEN_CRATES: &[(&str, &[&str])] = &[
     ("clap", &["bin"]),
     ("indicatif", &["bin"]),
     ("ctrlc", &["bin"]),
+    ("tiny_http", &["bin"]),
 ];
 
 #[test]

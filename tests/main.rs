@@ -1,17 +1,24 @@
 //! The evidence: one file per kind, all in one binary.
 
+mod browser;
+
 mod support;
 
 // Each stage keeps its promises.
 mod atlas;
 mod cli;
+mod engine;
+mod engine_schema;
+mod engine_viewer;
 mod estimators;
 mod exact;
 mod glass;
+mod ktx2;
 mod lights;
 mod many_lights;
 mod output;
 mod punctual;
+mod runtime;
 mod scene;
 mod sky;
 mod sky_light;

@@ -196,5 +196,6 @@ fn options_json(options: &Options) -> Value {
         "directional": options.directional,
         "float": options.float,
         "outputs": options.outputs,
+        "export": options.exports,
     })
 }

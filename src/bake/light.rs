@@ -102,13 +102,13 @@ impl<'a> Evaluation<'a> {
     ) -> Self {
         let mut channels = Vec::new();
         // The preview is made of E.
-        if plan.writes(Output::E) || plan.writes(Output::Preview) {
+        if plan.writes(Output::E) || plan.writes(Output::Preview) || plan.exports_irradiance() {
             channels.push(Channel::Irradiance);
         }
-        if plan.writes(Output::G) {
+        if plan.writes(Output::G) || plan.packs_light() {
             channels.extend((0..3).map(Channel::LightVector));
         }
-        if plan.writes(Output::Phi) {
+        if plan.writes(Output::Phi) || plan.packs_light() {
             channels.push(Channel::Fluence);
         }
         if plan.writes(Output::Gradient) {

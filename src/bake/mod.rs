@@ -44,6 +44,8 @@ pub struct Options {
     pub float: bool,
     /// Which files to write; `None` lets the plan decide. The manifest is always written.
     pub outputs: Option<Vec<Output>>,
+    /// Layouts of engines to write beside them. Default: none.
+    pub exports: Vec<output::Export>,
 }
 
 impl Default for Options {
@@ -57,6 +59,7 @@ impl Default for Options {
             directional: false,
             float: false,
             outputs: None,
+            exports: Vec::new(),
         }
     }
 }
@@ -79,6 +82,8 @@ pub enum Output {
     Preview,
     /// The scene with its lightmap coordinates.
     Glb,
+    /// Light vector and fluence as one texture.
+    Ktx2,
 }
 
 impl Options {

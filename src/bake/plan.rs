@@ -18,6 +18,8 @@ pub struct Plan {
     pub decisions: Vec<Decision>,
     /// The files to write.
     pub outputs: Vec<Output>,
+    /// Layouts of engines to write beside them.
+    pub exports: Vec<output::Export>,
 }
 
 /// One thing that is done or left out.
@@ -38,13 +40,38 @@ impl Plan {
         self.outputs.contains(&output)
     }
 
+    /// Whether a file is made of light vector and fluence together.
+    pub(super) fn packs_light(&self) -> bool {
+        let needed = |export: &output::Export| export.needs_light_vector();
+        self.writes(Output::Ktx2) || self.exports.iter().any(needed)
+    }
+
+    /// Whether a layout of an engine is made of E.
+    pub(super) fn exports_irradiance(&self) -> bool {
+        self.exports.iter().any(|export| export.needs_irradiance())
+    }
+
     pub(super) fn output(&self, options: &Options) -> output::Options {
+        let mut without_map = Vec::new();
+        // The preview is read back from the map of E.
+        if !self.writes(Output::E) && !self.writes(Output::Preview) {
+            without_map.push("E");
+        }
+        if !self.writes(Output::G) {
+            without_map.extend(["Gr", "Gg", "Gb"]);
+        }
+        if !self.writes(Output::Phi) {
+            without_map.push("phi");
+        }
         output::Options {
             float: options.float,
             tolerance: options.tolerance,
             dilation: options.atlas.padding,
             preview: self.writes(Output::Preview),
             glb: self.writes(Output::Glb),
+            ktx2: self.writes(Output::Ktx2),
+            exports: self.exports.clone(),
+            without_map,
         }
     }
 
@@ -78,7 +105,10 @@ pub fn plan(scene: &Scene, lights: &Lights, options: &Options) -> Plan {
     let mut plan = Plan {
         decisions: Vec::new(),
         outputs: Vec::new(),
+        exports: options.exports.clone(),
     };
+    plan.exports.sort();
+    plan.exports.dedup();
     decide_light(&mut plan, scene, lights, options);
     decide_files(&mut plan, scene, lights, options);
     plan
@@ -268,6 +298,12 @@ fn decide_files(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
         Output::Error,
         false,
         "nobody asked (--outputs error); its figures are in the manifest",
+    );
+    plan.decide_file(
+        "texture",
+        Output::Ktx2,
+        false,
+        "nobody asked (--outputs ktx2); engines that read KTX 2.0 load it as it is",
     );
     plan.decide_file("preview", Output::Preview, true, "to look at");
     let from_document = !scene.path.as_os_str().is_empty();

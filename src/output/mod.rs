@@ -6,6 +6,10 @@ mod dilate;
 
 mod exr;
 
+mod ktx2;
+
+mod export;
+
 mod preview;
 
 mod gltf;
@@ -18,6 +22,7 @@ use std::path::Path;
 
 use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
 
+use self::export::Picture;
 use self::exr::Precision;
 use self::preview::Histogram;
 use self::staging::Staging;
@@ -25,6 +30,8 @@ use crate::atlas::Atlas;
 use crate::error::{Error, Result, Warnings};
 use crate::refine::{Field, Plane};
 use crate::scene::Scene;
+
+pub use self::export::Export;
 
 /// How files are written.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +48,12 @@ pub struct Options {
     pub preview: bool,
     /// Whether to write the glTF file.
     pub glb: bool,
+    /// Whether to write the texture of pages that have the planes `Gr`, `Gg`, `Gb` and `phi`.
+    pub ktx2: bool,
+    /// Layouts of engines to write.
+    pub exports: Vec<Export>,
+    /// Names of planes that only serve other files and get no map of their own.
+    pub without_map: Vec<&'static str>,
 }
 
 impl Default for Options {
@@ -51,6 +64,9 @@ impl Default for Options {
             dilation: 4,
             preview: true,
             glb: true,
+            ktx2: false,
+            exports: Vec::new(),
+            without_map: Vec::new(),
         }
     }
 }
@@ -62,18 +78,21 @@ pub struct PageFiles {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// The maps, in the order of the field's planes, then the preview.
+    /// The maps, in the order of the field's planes, then the texture of the planes together, then the preview.
     pub maps: Vec<MapFile>,
+    /// The layouts of engines, in the order of [`Options::exports`].
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub exports: Vec<MapFile>,
 }
 
 /// One file of a page.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct MapFile {
-    /// Name of the plane, or `preview`.
+    /// Name of the plane, or `ktx2`, `preview`, or of the layout's picture.
     pub plane: String,
     /// File name, relative to the bake's directory.
     pub file: String,
-    /// `half`, `float` or `srgb8`.
+    /// `half`, `float`, `srgb8`, or `unorm16` (0..=1 in 16 bits).
     pub precision: &'static str,
     /// Smallest stored value of a covered texel, over all components. Dilated texels repeat covered ones; empty texels, which are
     /// 0, do not count. 0 when no texel is covered, and for the preview.
@@ -120,36 +139,119 @@ impl Writer {
     pub fn page(&mut self, index: usize, field: &Field) -> Result<PageFiles> {
         let sources = dilate::sources(field, self.options.dilation);
         let scene = self.staging.scene().to_owned();
-        let files: Vec<String> = field
+        let planes: Vec<&Plane> = field
             .planes
+            .iter()
+            .filter(|plane| !self.options.without_map.contains(&plane.name))
+            .collect();
+        let files: Vec<String> = planes
             .iter()
             .map(|plane| self.staging.add(names::map(&scene, index, plane.name)))
             .collect();
-        let precisions: Vec<Precision> = field
-            .planes
+        let precisions: Vec<Precision> = planes
             .par_iter()
             .zip(&files)
             .map(|(plane, file)| {
-                let precision = self.precision(plane);
+                let precision = self.precision(&plane.values);
                 exr::write(&self.staging.path(file), field, plane, &sources, precision)?;
                 Ok(precision)
             })
             .collect::<Result<_>>()?;
-        let mut maps: Vec<MapFile> = field
-            .planes
+        let mut maps: Vec<MapFile> = planes
             .iter()
             .zip(files)
             .zip(precisions)
-            .map(|((plane, file), precision)| map_file(plane, file, precision))
+            .map(|((plane, file), precision)| {
+                map_file(plane.name, &[&plane.values], file, precision)
+            })
             .collect();
-        if let Some(preview) = self.announce_preview(index, field, &scene) {
-            maps.push(preview);
-        }
+        maps.extend(self.texture(index, field, &sources)?);
+        maps.extend(self.announce_preview(index, field, &scene));
         Ok(PageFiles {
             width: field.width,
             height: field.height,
             maps,
+            exports: self.exports(index, field, &sources)?,
         })
+    }
+
+    /// Writes the planes of light of a page as one texture, when it is asked for and they are there.
+    fn texture(&mut self, index: usize, field: &Field, sources: &[u32]) -> Result<Option<MapFile>> {
+        let Some(light) = ktx2::Light::of(field).filter(|_| self.options.ktx2) else {
+            return Ok(None);
+        };
+        let file = names::texture(self.staging.scene(), index);
+        let file = self.staging.add(file);
+        let [red, green, blue] = light.vectors.map(|plane| plane.values.as_slice());
+        let values = [red, green, blue, light.fluence.values.as_slice()];
+        let sufficient = values.map(|values| self.precision(values));
+        let precision = if sufficient.contains(&Precision::Float) {
+            Precision::Float
+        } else {
+            Precision::Half
+        };
+        ktx2::write(&self.staging.path(&file), field, &light, sources, precision)?;
+        Ok(Some(map_file(ktx2::PLANE, &values, file, precision)))
+    }
+
+    /// Writes the layouts of engines.
+    fn exports(&mut self, index: usize, field: &Field, sources: &[u32]) -> Result<Vec<MapFile>> {
+        let mut files = Vec::new();
+        for export in self.options.exports.clone() {
+            for picture in export::pictures(export, field).into_iter().flatten() {
+                files.push(self.picture(index, field, sources, picture)?);
+            }
+        }
+        Ok(files)
+    }
+
+    fn picture(
+        &mut self,
+        index: usize,
+        field: &Field,
+        sources: &[u32],
+        picture: Picture,
+    ) -> Result<MapFile> {
+        let scene = self.staging.scene();
+        // Slices stand one above the other, and so do their texels.
+        let n_slices = picture.slices.len() as u32;
+        let n_texels = field.places.len() as u32;
+        let page = Field {
+            width: field.width,
+            height: field.height * n_slices,
+            ..Field::default()
+        };
+        let sources: Vec<u32> = (0..n_slices)
+            .flat_map(|slice| {
+                sources.iter().map(move |&source| match source {
+                    dilate::EMPTY => dilate::EMPTY,
+                    source => source + slice * n_texels,
+                })
+            })
+            .collect();
+        let plane = Plane {
+            name: picture.name,
+            components: picture.components,
+            values: picture.slices.concat(),
+        };
+        if picture.kind == export::Kind::Png {
+            let file = self.staging.add(names::picture(scene, index, picture.name));
+            export::write_png(&self.staging.path(&file), &page, &plane, &sources)?;
+            return Ok(MapFile {
+                precision: "unorm16",
+                ..map_file(plane.name, &[&plane.values], file, Precision::Float)
+            });
+        }
+        let precision = self.precision(&plane.values);
+        let file = self.staging.add(names::map(scene, index, picture.name));
+        exr::write(
+            &self.staging.path(&file),
+            &page,
+            &plane,
+            &sources,
+            precision,
+        )?;
+        Ok(map_file(plane.name, &[&plane.values], file, precision))
     }
 
     /// Writes `<name>.glb`: the document of `scene` with `TEXCOORD_1`, the extension and its mirror in extras. `pages` holds what
@@ -208,12 +310,12 @@ impl Writer {
         self.staging.commit()
     }
 
-    /// How `plane` is stored.
-    fn precision(&self, plane: &Plane) -> Precision {
+    /// How a map of `values` is stored.
+    fn precision(&self, values: &[f32]) -> Precision {
         if self.options.float {
             Precision::Float
         } else {
-            Precision::sufficient_for(&plane.values, self.options.tolerance)
+            Precision::sufficient_for(values, self.options.tolerance)
         }
     }
 
@@ -239,13 +341,13 @@ impl Writer {
 }
 
 /// What the manifest says of a map. Rounding keeps the order of values, so the stored extremes are the rounded extremes.
-fn map_file(plane: &Plane, file: String, precision: Precision) -> MapFile {
+fn map_file(plane: &str, values: &[&[f32]], file: String, precision: Precision) -> MapFile {
     let extreme = |pick: fn(f32, f32) -> f32| {
-        let extreme = plane.values.iter().copied().reduce(pick);
+        let extreme = values.iter().copied().flatten().copied().reduce(pick);
         precision.stored(extreme.unwrap_or(0.0))
     };
     MapFile {
-        plane: plane.name.to_owned(),
+        plane: plane.to_owned(),
         file,
         precision: precision.name(),
         min: extreme(f32::min),

@@ -1,6 +1,6 @@
 //! What the files of a bake are called.
 //!
-//! `<scene>_lm<page>_<plane>.exr`, `<scene>_lm<page>_preview.png`, `<scene>.glb`, `<scene>.lumel.json`. The scene's part is made safe
+//! `<scene>_lm<page>_<plane>.exr`, `<scene>_lm<page>_light.ktx2`, `<scene>_lm<page>_preview.png`, `<scene>.glb`, `<scene>.lumel.json`. The scene's part is made safe
 //! for every common file system, so that a bake can be moved between machines; everything else is plain ASCII.
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
@@ -55,9 +55,19 @@ pub(super) fn map(scene: &str, page: usize, plane: &str) -> String {
     format!("{scene}_lm{page}_{plane}.exr")
 }
 
+/// Name of the texture of `page`.
+pub(super) fn texture(scene: &str, page: usize) -> String {
+    format!("{scene}_lm{page}_light.ktx2")
+}
+
+/// Name of the picture `name` of `page`.
+pub(super) fn picture(scene: &str, page: usize, name: &str) -> String {
+    format!("{scene}_lm{page}_{name}.png")
+}
+
 /// Name of the preview of `page`.
 pub(super) fn preview(scene: &str, page: usize) -> String {
-    format!("{scene}_lm{page}_preview.png")
+    picture(scene, page, "preview")
 }
 
 /// Name of the glTF file.
@@ -86,7 +96,8 @@ pub(super) fn is_ours(file: &str, scene: &str) -> bool {
     };
     let plane = plane
         .strip_suffix(".exr")
-        .or_else(|| plane.strip_suffix(".png"));
+        .or_else(|| plane.strip_suffix(".png"))
+        .or_else(|| plane.strip_suffix(".ktx2"));
     let word = |text: &str| {
         !text.is_empty()
             && text
@@ -141,6 +152,7 @@ mod tests {
             map("a", 0, "E"),
             map("a", 12, "Gr_du"),
             preview("a", 3),
+            texture("a", 0),
             glb("a"),
         ] {
             assert!(is_ours(&file, "a"), "{file}");

@@ -119,6 +119,7 @@ pub(crate) fn pages(atlas: &Atlas) -> Vec<PageFiles> {
                     max: 1.0,
                 })
                 .to_vec(),
+            exports: Vec::new(),
         })
         .collect()
 }

@@ -88,7 +88,7 @@ pub(crate) fn expected(field: &Field, plane: &Plane, x: u32, y: u32, reach: u32)
 }
 
 /// Channels by name, alphabetically, each row by row.
-fn channels(path: &Path) -> Vec<(String, FlatSamples)> {
+pub(crate) fn channels(path: &Path) -> Vec<(String, FlatSamples)> {
     let image = read()
         .no_deep_data()
         .largest_resolution_level()

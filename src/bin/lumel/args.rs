@@ -8,6 +8,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use lumel::atlas::Uv;
 use lumel::bake::{Options, Output};
 use lumel::lights::sky;
+use lumel::output::Export;
 use lumel::scene;
 use lumel::transport::Estimator;
 
@@ -21,6 +22,7 @@ Examples:
   lumel bake level.glb -o out --directional   light vectors even without normal maps
   lumel probe level.glb --points p.csv        the light at single points
   lumel sky sky.hdr -n 256                    a picture of the sky as 256 directions
+  lumel view level.lumel                      looks at a bake in a browser
 
 Units: metres, Y up, right-handed; radiance in nit, irradiance and fluence in lux.
 
@@ -39,6 +41,7 @@ Files in DIR, <scene> being the scene's file name without its ending and <P> the
   <scene>_lm<P>_E.exr            irradiance at the flat normal, lux
   <scene>_lm<P>_{Gr,Gg,Gb}.exr   light vector per colour channel, world space, lux
   <scene>_lm<P>_phi.exr          fluence, lux
+  <scene>_lm<P>_light.ktx2       light vector and fluence as one texture (--outputs ktx2)
   <scene>_lm<P>_preview.png      a picture of E
   <scene>.glb                    the scene with the lightmap's texture coordinates
   <scene>.lumel.json             the manifest
@@ -93,6 +96,14 @@ Examples:
 
 Source: Kollig and Keller, Efficient Illumination by High Dynamic Range Images, 2003.";
 
+const VIEW_HELP: &str = "\
+Without --html a server answers on 127.0.0.1, to this machine only, until Ctrl-C. It gives out the files of
+this one bake. With --html the viewer and the bake become one file, to keep or to send.
+
+Examples:
+  lumel view level.lumel
+  lumel view level.lumel --html level.html";
+
 /// Bakes light into the textures of a glTF level: light vectors, fluence and irradiance from area lights.
 #[derive(Debug, Parser)]
 #[command(version, after_help = AFTER_HELP, max_term_width = 110)]
@@ -111,15 +122,19 @@ pub(crate) enum Command {
     Inspect(Inspect),
     /// Turns a picture of the sky into a few directions with their light, and stores them beside it
     Sky(Sky),
+    /// Shows a bake in a browser: its light, what it is made of, how good it is
+    View(View),
 }
 
 impl Command {
-    pub(crate) fn manner(&self) -> &Manner {
+    /// `None` for commands that do no work of their own.
+    pub(crate) fn manner(&self) -> Option<&Manner> {
         match self {
-            Self::Bake(bake) => &bake.general.manner,
-            Self::Probe(probe) => &probe.general.manner,
-            Self::Inspect(inspect) => &inspect.general.manner,
-            Self::Sky(sky) => &sky.manner,
+            Self::Bake(bake) => Some(&bake.general.manner),
+            Self::Probe(probe) => Some(&probe.general.manner),
+            Self::Inspect(inspect) => Some(&inspect.general.manner),
+            Self::Sky(sky) => Some(&sky.manner),
+            Self::View(_) => None,
         }
     }
 
@@ -127,7 +142,9 @@ impl Command {
     pub(crate) fn interrupted(&self) -> &'static str {
         match self {
             Self::Bake(_) => "interrupted; the previous bake is untouched",
-            Self::Probe(_) | Self::Inspect(_) | Self::Sky(_) => "interrupted; nothing was written",
+            Self::Probe(_) | Self::Inspect(_) | Self::Sky(_) | Self::View(_) => {
+                "interrupted; nothing was written"
+            }
         }
     }
 }
@@ -149,7 +166,11 @@ pub(crate) struct Bake {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub(crate) outputs: Option<Vec<OutputArg>>,
 
-    /// Stores the EXR files as 32-bit floats, not as halves
+    /// Layouts that engines already read, to write beside them, separated by commas
+    #[arg(long = "export", value_name = "LIST", value_delimiter = ',')]
+    pub(crate) exports: Vec<ExportArg>,
+
+    /// Stores the maps as 32-bit floats, not as halves
     #[arg(long)]
     pub(crate) float: bool,
 }
@@ -241,7 +262,27 @@ impl Sky {
     }
 }
 
-/// What every subcommand takes that reads a scene.
+#[derive(Debug, clap::Args)]
+#[command(after_help = VIEW_HELP)]
+pub(crate) struct View {
+    /// Directory of a bake, or its .lumel.json where there are several
+    #[arg(value_name = "DIR")]
+    pub(crate) path: PathBuf,
+
+    /// Writes the viewer with the bake inside to FILE, and serves nothing
+    #[arg(long, value_name = "FILE")]
+    pub(crate) html: Option<PathBuf>,
+
+    /// Prints the address and opens no browser
+    #[arg(long, conflicts_with = "html")]
+    pub(crate) no_open: bool,
+
+    /// Port of the server; 0 takes a free one
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "html")]
+    pub(crate) port: u16,
+}
+
+/// What every subcommand that reads a scene takes.
 #[derive(Debug, clap::Args)]
 pub(crate) struct General {
     /// The level, .gltf or .glb
@@ -369,6 +410,7 @@ impl Bake {
         let mut options = self.quality.options();
         self.general.environment.apply(&mut options);
         options.float = self.float;
+        options.exports = self.exports.iter().map(|&export| export.into()).collect();
         options.outputs = self
             .outputs
             .as_ref()
@@ -533,6 +575,8 @@ pub(crate) enum OutputArg {
     Preview,
     /// The scene with the lightmap's texture coordinates
     Glb,
+    /// Light vector and fluence as one KTX 2.0 texture: layers for red, green, blue; RGB = x, y, z, A = fluence
+    Ktx2,
 }
 
 impl From<OutputArg> for Output {
@@ -545,6 +589,30 @@ impl From<OutputArg> for Output {
             OutputArg::Error => Self::Error,
             OutputArg::Preview => Self::Preview,
             OutputArg::Glb => Self::Glb,
+            OutputArg::Ktx2 => Self::Ktx2,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExportArg {
+    /// Bakery's SH maps for Unity: L0, L1x, L1y, L1z
+    BakerySh,
+    /// Godot's directional lightmap, 4 slices one above the other
+    GodotSh,
+    /// Unity's directional mode: colour and direction
+    UnityDirectional,
+    /// Bevy's lightmap: E/pi
+    Bevy,
+}
+
+impl From<ExportArg> for Export {
+    fn from(export: ExportArg) -> Self {
+        match export {
+            ExportArg::BakerySh => Self::BakerySh,
+            ExportArg::GodotSh => Self::GodotSh,
+            ExportArg::UnityDirectional => Self::UnityDirectional,
+            ExportArg::Bevy => Self::Bevy,
         }
     }
 }

@@ -8,6 +8,7 @@ mod progress;
 mod run;
 mod samples;
 mod sky;
+mod view;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;

@@ -8,9 +8,9 @@ use lumel::scene::Scene;
 use lumel::{Error, Result};
 use serde_json::json;
 
-use super::args::{Bake, Command, General, Inspect, Probe};
+use super::args::{Bake, Command, General, Inspect, Manner, Probe};
 use super::progress::Display;
-use super::{INTERRUPTED, points, print, samples, sky};
+use super::{INTERRUPTED, points, print, samples, sky, view};
 
 /// How a command ended that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,14 +25,18 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 
 /// Runs `command` to its end.
 pub(crate) fn run(command: &Command) -> Result<Outcome> {
-    let manner = command.manner();
-    let display = Display::new(!manner.quiet && !manner.json);
-    listen_for_interrupts(&display);
+    let is_quiet = |manner: &Manner| manner.quiet || manner.json;
+    let display = Display::new(!command.manner().is_some_and(is_quiet));
+    // A viewer has nothing to clean up: Ctrl-C may end it at once.
+    if !matches!(command, Command::View(_)) {
+        listen_for_interrupts(&display);
+    }
     match command {
         Command::Bake(args) => run_bake(args, &display),
         Command::Probe(args) => run_probe(args, &display),
         Command::Inspect(args) => run_inspect(args, &display),
         Command::Sky(args) => sky::run(args, &display, &CANCELLED),
+        Command::View(args) => view::run(args),
     }
 }
 
