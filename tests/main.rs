@@ -11,6 +11,7 @@ mod lights;
 mod many_lights;
 mod output;
 mod punctual;
+mod refine;
 mod scene;
 mod stiff;
 mod texels;

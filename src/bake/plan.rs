@@ -1,17 +1,19 @@
 //! What a scene needs, and what it gives no reason for.
 
-use super::{Options, Output};
+use super::{Options, Output, Refine};
 use crate::lights::Lights;
 use crate::output;
 use crate::scene::Alpha;
 use crate::scene::Scene;
-use crate::transport;
+use crate::transport::{self, Estimator};
 
 /// Decisions about a bake, each with its reason.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Plan {
     /// In the order of the stages.
     pub decisions: Vec<Decision>,
+    /// Whether light is evaluated only where it bends.
+    pub interpolates: bool,
     /// The files to write.
     pub outputs: Vec<Output>,
 }
@@ -46,7 +48,7 @@ impl Plan {
 
     pub(super) fn transport(&self, options: &Options) -> transport::Options {
         transport::Options {
-            gradients: self.writes(Output::Gradient),
+            gradients: self.writes(Output::Gradient) || self.interpolates,
             direct_threshold: options.direct_threshold.unwrap_or(options.tolerance),
             ..options.transport.clone()
         }
@@ -73,6 +75,7 @@ impl Plan {
 pub fn plan(scene: &Scene, lights: &Lights, options: &Options) -> Plan {
     let mut plan = Plan {
         decisions: Vec::new(),
+        interpolates: false,
         outputs: Vec::new(),
     };
     decide_light(&mut plan, scene, lights, options);
@@ -100,14 +103,19 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
             "where lights together can add no more than a quarter of the tolerance to a tile, they are left out there and counted as error",
         );
     }
+    let (interpolates, reason) = decide_refine(lights, options);
+    plan.interpolates = interpolates;
+    plan.decide("interpolation", interpolates, reason);
     if lights.len() >= transport::MANY_LIGHTS {
         let threshold = options.direct_threshold.unwrap_or(options.tolerance);
         let gradients = options.asks_for(Output::Gradient);
         plan.decide(
             "adaptive shadow testing",
-            threshold > 0.0 && !gradients,
+            threshold > 0.0 && !gradients && !interpolates,
             if gradients {
                 "derivatives were asked for, so every light is integrated".to_owned()
+            } else if interpolates {
+                "light is interpolated, which needs derivatives, so every light is integrated".to_owned()
             } else if threshold > 0.0 {
                 format!(
                     "of {} lights those that could give a tile less than {threshold} of its light are tested by one ray at most",
@@ -139,6 +147,35 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
                 "{n_blended} triangles have alphaMode BLEND; in this version they cast no shadow"
             ),
         );
+    }
+}
+
+/// Whether to interpolate, and why.
+fn decide_refine(lights: &Lights, options: &Options) -> (bool, &'static str) {
+    let threshold = options.direct_threshold.unwrap_or(options.tolerance);
+    let tests_adaptively = lights.len() >= transport::MANY_LIGHTS
+        && threshold > 0.0
+        && !options.asks_for(Output::Gradient);
+    let has_derivatives = !matches!(
+        options.transport.estimator,
+        Estimator::Sampled | Estimator::Vedel
+    );
+    match options.refine {
+        Refine::Off => (false, "--refine off: every texel is evaluated"),
+        Refine::Texels => (true, "as asked with --refine texels"),
+        Refine::Auto if lights.is_empty() => (false, "no light"),
+        Refine::Auto if tests_adaptively => (
+            false,
+            "many lights: testing them adaptively at every texel is cheaper than integrating all of them for their derivatives",
+        ),
+        Refine::Auto if !has_derivatives => (
+            false,
+            "the estimator asked for has no derivatives that could be relied on",
+        ),
+        Refine::Auto => (
+            true,
+            "texels are evaluated where light bends, by its derivatives; the others are interpolated",
+        ),
     }
 }
 
