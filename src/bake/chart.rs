@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
+use super::spacing::SPACING;
 use crate::error::Result;
 use crate::refine::{Domain, Point};
 use crate::texels::{Texel, Texels};
@@ -18,9 +20,15 @@ const NEAR: f64 = 0.5;
 /// Largest distance on the chart between neighbouring texels.
 const ADJACENT: f64 = 1.75;
 
-/// Distance in texels between those that are evaluated first where shadows are soft. Twice as much misses what a shadow of 16 texels has
-/// in its middle, half as much makes smooth light four times dearer (measured: notes on sparse evaluation, start mesh 8 or 16).
-const SPACING: u16 = 16;
+/// Side in texels of the squares that are looked at as one to find out how far apart texels may be evaluated at first: smaller ones are
+/// looked at more often than it is worth, larger ones let a thin thing near one corner make the whole square dense.
+const LOOK: u16 = 32;
+
+/// Texels of a square that are looked at along each side.
+const LOOKED_AT: usize = 5;
+
+/// How far apart some texels may be evaluated at first, in texels.
+pub(super) type Lookout<'s> = dyn Fn(&[&Texel]) -> u16 + Sync + 's;
 
 /// Texels of a page that belong to one chart of one placement.
 pub(super) struct Chart<'a> {
@@ -34,7 +42,7 @@ pub(super) struct Chart<'a> {
 
 impl<'a> Chart<'a> {
     /// The charts of a page.
-    pub(super) fn all(texels: &'a Texels) -> Result<Vec<Self>> {
+    pub(super) fn all(texels: &'a Texels, lookout: &Lookout<'_>) -> Result<Vec<Self>> {
         let mut members: BTreeMap<(u32, u32), Vec<u32>> = BTreeMap::new();
         for tile in &texels.tiles {
             members
@@ -44,11 +52,13 @@ impl<'a> Chart<'a> {
         }
         members
             .into_values()
-            .map(|members| Self::new(&texels.texels, members))
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .map(|members| Self::new(&texels.texels, members, lookout))
             .collect()
     }
 
-    fn new(texels: &'a [Texel], mut members: Vec<u32>) -> Result<Self> {
+    fn new(texels: &'a [Texel], mut members: Vec<u32>, lookout: &Lookout<'_>) -> Result<Self> {
         let of = |member: u32| &texels[member as usize];
         members.sort_by_key(|&member| (of(member).y, of(member).x));
         let points = members
@@ -63,8 +73,15 @@ impl<'a> Chart<'a> {
                 }
             })
             .collect();
-        let domain =
-            Domain::new(points)?.joined_where(|a, b| goes_on(of(members[a]), of(members[b])));
+        let domain = Domain::new(points)?
+            .joined_where(|a, b| goes_on(of(members[a]), of(members[b])))
+            .spaced_by(LOOK, |square| {
+                let spread: Vec<&Texel> = spread(square)
+                    .into_iter()
+                    .map(|point| of(members[point]))
+                    .collect();
+                lookout(&spread)
+            });
         let mut chart = Self {
             texels,
             members,
@@ -127,4 +144,22 @@ fn goes_on(a: &Texel, b: &Texel) -> bool {
     a.normal.dot(b.normal) >= SMOOTH
         && way.length() <= ADJACENT
         && (b.position - a.position).distance(expected) <= NEAR * step
+}
+
+/// Some points of a square that reach to all of its sides; `square` holds them row after row.
+fn spread(square: &[usize]) -> Vec<usize> {
+    let n = square.len();
+    let side = (n as f64).sqrt().ceil() as usize;
+    let step = (side / (LOOKED_AT - 1)).max(1);
+    let mut chosen: Vec<usize> = (0..n)
+        .filter(|place| {
+            let (row, column) = (place / side, place % side);
+            let on = |k: usize| k.is_multiple_of(step) || k + 1 == side;
+            on(row) && on(column)
+        })
+        .map(|place| square[place])
+        .collect();
+    chosen.extend(square.first());
+    chosen.extend(square.last());
+    chosen
 }

@@ -1,6 +1,7 @@
 //! Texels in, light out: evaluates one page and sorts the samples into planes.
 
 use std::sync::Mutex;
+use std::sync::OnceLock;
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering;
 
@@ -9,11 +10,12 @@ use rayon::prelude::*;
 
 use super::account::Account;
 use super::chart::Chart;
+use super::spacing::{SPACING, Thickness, spacing};
 use super::{Execution, Options, Output, Plan, Stage};
 use crate::atlas::Atlas;
 use crate::error::Result;
 use crate::lights::Lights;
-use crate::math;
+use crate::math::{self, Aabb};
 use crate::refine::{self, Field, Plane, Refined};
 use crate::scene::Scene;
 use crate::texels::{Obstacle, Texel, Texels, Tile};
@@ -22,6 +24,9 @@ use crate::visibility::{Occluders, Visibility};
 
 /// Everything that the light of a texel depends on.
 pub(super) struct Evaluation<'a> {
+    scene: &'a Scene,
+    /// Of the occluders, once somebody asks.
+    thickness: OnceLock<Thickness>,
     lights: &'a Lights,
     occluders: &'a Occluders<'a>,
     options: transport::Options,
@@ -141,6 +146,7 @@ struct Part {
 
 impl<'a> Evaluation<'a> {
     pub(super) fn new(
+        scene: &'a Scene,
         lights: &'a Lights,
         occluders: &'a Occluders<'a>,
         plan: &Plan,
@@ -164,6 +170,8 @@ impl<'a> Evaluation<'a> {
             channels.push(Channel::Error);
         }
         Self {
+            scene,
+            thickness: OnceLock::new(),
             lights,
             occluders,
             options: plan.transport(options),
@@ -224,7 +232,12 @@ impl<'a> Evaluation<'a> {
         progress: &PageProgress,
         execution: &Execution<'_>,
     ) -> Result<PageLight> {
-        let charts = Chart::all(texels)?;
+        let thickness = self
+            .thickness
+            .get_or_init(|| Thickness::new(self.scene, self.occluders.edges()));
+        let charts = Chart::all(texels, &|square| {
+            self.spacing(texels.page, square, thickness, options)
+        })?;
         let on_charts = OnCharts {
             evaluation: self,
             page: texels.page,
@@ -247,6 +260,27 @@ impl<'a> Evaluation<'a> {
             })
             .collect::<Result<_>>()?;
         Ok(self.together(texels, parts))
+    }
+
+    /// How far apart texels may be evaluated at first.
+    fn spacing(
+        &self,
+        page: usize,
+        square: &[&Texel],
+        thickness: &Thickness,
+        options: &transport::Options,
+    ) -> u16 {
+        let receivers: Vec<Receiver> = square.iter().map(|texel| receiver(page, texel)).collect();
+        let places = Aabb::from_points(receivers.iter().map(|receiver| receiver.position));
+        let step = square
+            .iter()
+            .map(|texel| texel.du.length().max(texel.dv.length()))
+            .fold(0.0, f64::max);
+        transport::shadows(&receivers, self.lights, self.occluders, options.negligible)
+            .iter()
+            .map(|shadow| spacing(thickness.narrowest(self.scene, shadow, &places), step))
+            .min()
+            .unwrap_or(SPACING)
     }
 
     fn together(&self, texels: &Texels, parts: Vec<Part>) -> PageLight {
@@ -382,6 +416,24 @@ struct OnCharts<'s, 'a> {
 }
 
 impl OnCharts<'_, '_> {
+    /// Receivers that are too far apart to be clipped together.
+    fn one_by_one(&self, receivers: &[Receiver]) -> (Vec<Sample>, Counters) {
+        let Evaluation {
+            lights, occluders, ..
+        } = self.evaluation;
+        let mut counters = Counters::default();
+        let samples = receivers
+            .iter()
+            .flat_map(|receiver| {
+                let receiver = std::slice::from_ref(receiver);
+                let (samples, own) = transport::gather(receiver, lights, occluders, self.options);
+                counters.add(&own);
+                samples
+            })
+            .collect();
+        (samples, counters)
+    }
+
     /// `K` says what is interpolated: 3 the irradiance, 12 light vectors and fluence.
     fn refine<const K: usize>(&self, chart: &Chart<'_>) -> Result<Part> {
         let counters = Mutex::new(Counters::default());
@@ -394,7 +446,12 @@ impl OnCharts<'_, '_> {
             let Evaluation {
                 lights, occluders, ..
             } = self.evaluation;
-            let (samples, batch) = transport::gather(&receivers, lights, occluders, self.options);
+            let (mut samples, mut batch) =
+                transport::gather(&receivers, lights, occluders, self.options);
+            if batch.pairs_sampled > 0 && points.len() > 1 {
+                // Too many edges for so large a batch, perhaps, which smaller ones would not have: samples have no derivatives.
+                (samples, batch) = self.one_by_one(&receivers);
+            }
             if let Ok(mut counters) = counters.lock() {
                 counters.add(&batch);
             }

@@ -5,6 +5,7 @@ mod chart;
 mod inspect;
 mod light;
 mod plan;
+mod spacing;
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -264,7 +265,7 @@ fn bake_here(
     execution.check()?;
     clock.lap(Stage::Prepare);
 
-    let evaluation = light::Evaluation::new(&lights, &occluders, &plan, options);
+    let evaluation = light::Evaluation::new(scene, &lights, &occluders, &plan, options);
     let mut account = account::Account::new(options.tolerance);
     let mut pages = Vec::new();
     for page in 0..atlas.pages.len() {

@@ -80,6 +80,15 @@ impl Squares {
         for (index, &held) in self.held.iter().enumerate().filter(|(_, held)| **held != 0) {
             let x = self.origin[0] + (index % self.width) as i32;
             let y = self.origin[1] + (index / self.width) as i32;
+            let full = |cell| self.held(cell) == 0b1111;
+            if held == 0b1111
+                && full([x, y - 1])
+                && full([x + 1, y])
+                && full([x, y + 1])
+                && full([x - 1, y])
+            {
+                continue;
+            }
             let cells = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
             // The square across each side, and its two corners on it.
             let across = [

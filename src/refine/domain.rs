@@ -1,6 +1,7 @@
 //! Where values are wanted: points that belong to the cells of a grid, and which of them hang together.
 
 use glam::DVec2;
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
@@ -94,6 +95,26 @@ impl Domain {
             let next = [self.at([x + 1, y]), self.at([x, y + 1])];
             self.points[point].joined =
                 next.map(|next| next.is_some_and(|next| joined(point, next)));
+        }
+        self
+    }
+
+    /// Sets [`Point::spacing`] square by square of `side` cells; `spacing` gets the points of a square that has any.
+    #[must_use]
+    pub fn spaced_by(mut self, side: u16, spacing: impl Fn(&[usize]) -> u16 + Sync) -> Self {
+        let square = |point: usize| {
+            let [x, y] = self.offset(point);
+            let side = i32::from(side.max(1));
+            (y / side, x / side)
+        };
+        let mut points: Vec<usize> = (0..self.points.len()).collect();
+        points.sort_by_key(|&point| square(point));
+        let squares: Vec<&[usize]> = points.chunk_by(|&a, &b| square(a) == square(b)).collect();
+        let found: Vec<u16> = squares.par_iter().map(|points| spacing(points)).collect();
+        for (points, spacing) in squares.iter().zip(found) {
+            for &point in *points {
+                self.points[point].spacing = spacing;
+            }
         }
         self
     }

@@ -1,9 +1,10 @@
 //! The triangles between the points that were evaluated: a Delaunay triangulation that keeps the borders of the domain.
 
 use glam::DVec2;
-use spade::handles::{FixedVertexHandle, VertexHandle};
+use spade::handles::{FaceHandle, FixedVertexHandle, InnerTag, VertexHandle};
 use spade::{
-    ConstrainedDelaunayTriangulation, HasPosition, Point2, PositionInTriangulation, Triangulation,
+    CdtEdge, ConstrainedDelaunayTriangulation, HasPosition, Point2, PositionInTriangulation,
+    Triangulation,
 };
 
 /// A border piece is split by points that lie no farther from it, in cells: points of the border are off their simplified line by as
@@ -25,6 +26,8 @@ impl HasPosition for Vertex {
     }
 }
 
+type Inner<'a> = FaceHandle<'a, InnerTag, Vertex, (), CdtEdge<()>, ()>;
+
 /// Names a vertex.
 pub(super) type Handle = FixedVertexHandle;
 
@@ -33,6 +36,8 @@ pub(super) type Handle = FixedVertexHandle;
 pub(super) struct Face {
     pub(super) points: [u32; 3],
     pub(super) vertices: [Handle; 3],
+    /// The triangles beyond the sides, side k running from corner k to corner k + 1, as places in the list of all.
+    pub(super) beyond: [Option<usize>; 3],
 }
 
 #[derive(Debug, Default)]
@@ -111,7 +116,7 @@ impl Mesh {
 
     /// All triangles, in an order that depends only on what was done to the mesh.
     pub(super) fn faces(&self) -> impl Iterator<Item = Face> {
-        self.cdt.inner_faces().map(|face| face_of(face.vertices()))
+        self.cdt.inner_faces().map(|face| face_of(&face))
     }
 
     /// The triangles around and beside a place.
@@ -119,12 +124,12 @@ impl Mesh {
         let around = match self.cdt.locate(Point2::new(place.x, place.y)) {
             PositionInTriangulation::OnFace(face) => {
                 let face = self.cdt.face(face);
-                let mut faces = vec![face_of(face.vertices())];
+                let mut faces = vec![face_of(&face)];
                 faces.extend(
                     face.adjacent_edges()
                         .iter()
                         .filter_map(|edge| edge.rev().face().as_inner())
-                        .map(|face| face_of(face.vertices())),
+                        .map(|face| face_of(&face)),
                 );
                 return faces;
             }
@@ -136,7 +141,7 @@ impl Mesh {
         [edge, edge.rev()]
             .iter()
             .filter_map(|edge| edge.face().as_inner())
-            .map(|face| face_of(face.vertices()))
+            .map(|face| face_of(&face))
             .collect()
     }
 
@@ -161,9 +166,14 @@ fn place_of<DE, UE, F>(vertex: &VertexHandle<'_, Vertex, DE, UE, F>) -> DVec2 {
     DVec2::new(place.x, place.y)
 }
 
-fn face_of<DE, UE, F>(vertices: [VertexHandle<'_, Vertex, DE, UE, F>; 3]) -> Face {
+fn face_of(face: &Inner<'_>) -> Face {
+    // In the order of the sides, each of which starts at its corner.
+    let sides = face.adjacent_edges();
+    let vertices = sides.map(|side| side.from());
     Face {
         points: vertices.map(|vertex| vertex.data().point),
         vertices: vertices.map(|vertex| vertex.fix()),
+        // Face 0 is what lies outside.
+        beyond: sides.map(|side| side.rev().face().as_inner().map(|face| face.index() - 1)),
     }
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::border::{self, Squares};
 use super::cubic::{self, Corner, Patch};
 use super::domain::Domain;
-use super::mesh::{Face, Handle, Mesh};
+use super::mesh::{Face, Mesh};
 use crate::error::{Error, Result};
 
 /// What is known at a point.
@@ -52,9 +52,23 @@ pub struct Refined<const K: usize> {
     pub complete: bool,
 }
 
-/// Disagreement of two corners, in tolerances, from which on more points are added. C. Vedel's problem in our measurements: at 2.8 the
-/// error of cubic interpolation has a mean of 0.08 and a 99th percentile of 0.8 tolerances on soft shadows; proportional to this.
-const TRAPEZOID: f64 = 2.8;
+/// Disagreement of two corners, in tolerances, from which on more points are added. At 3.75 the error of cubic interpolation on soft shadows
+/// has a mean of 0.1 and a 99th percentile of 1 tolerance (bench `refine`); the error is proportional to it.
+const TRAPEZOID: f64 = 3.75;
+
+/// Disagreement of two triangles, as part of the difference of their second derivatives over a side. For a cubic it would be a twelfth to
+/// mean the same as that of two corners; more, because the error around a jump of derivatives is larger than that of a cubic. At a
+/// twelfth the shadow of a box that stands on the floor is off by 2.5 tolerances at the 99th percentile, at 0.3 soft shadows are a third
+/// dearer.
+const BEND: f64 = 0.2;
+
+/// Least share of what [`TRAPEZOID`] allows for that a triangle is trusted to be off by, when the points added to it before were hit better
+/// than that. At 0 one lucky hit would end refinement; at 1 smooth light costs a third more.
+const LEAST_SURPRISE: f64 = 0.25;
+
+/// A side is split when it is no shorter than this part of the longest. Smaller lets triangles grow thin along shadows, which cubics
+/// follow less well; at 1 always the longest side is split, which costs a third more.
+const THIN: f64 = 0.5;
 
 /// The error of linear interpolation, seen from the change of derivatives along a side, is an eighth of it; one tolerance is allowed.
 const CHORD: f64 = TRAPEZOID / 8.0;
@@ -81,8 +95,8 @@ const OUTSIDE: (f64, f64) = (0.5, 0.75);
 /// The result then does not depend on the number of threads.
 ///
 /// Two neighbouring samples predict each other: by the trapezoid rule the difference of their values is the mean of their derivatives
-/// times the way between them, up to a third derivative. Where that fails by more than 2.8 tolerances on a side of a triangle, the middle
-/// of the triangle's longest side is evaluated too. Where samples come without derivatives, those are estimated from their neighbours, and
+/// times the way between them, up to a third derivative. Where that fails by more than 3.75 tolerances on a side of a triangle, or
+/// neighbouring triangles bend differently by as much, the middle of a side is evaluated too. Where samples come without derivatives, those are estimated from their neighbours, and
 /// interpolation is linear.
 ///
 /// What happens entirely between the points that are evaluated first (see [`super::Point::spacing`]) is not seen.
@@ -102,6 +116,8 @@ pub fn sparse<const K: usize>(
         cancelled,
         slots: vec![NONE; domain.points().len()],
         found: Vec::new(),
+        points: Vec::new(),
+        surprises: Vec::new(),
         mesh: Mesh::default(),
         complete: true,
     };
@@ -125,6 +141,10 @@ struct Work<'a, const K: usize, F> {
     /// Per point its index in `found`.
     slots: Vec<u32>,
     found: Vec<Sample<K>>,
+    /// Per sample its point.
+    points: Vec<u32>,
+    /// Per sample how far the surface was off there before, relative to what [`TRAPEZOID`] allows for; 1 where there was none.
+    surprises: Vec<f64>,
     mesh: Mesh,
     complete: bool,
 }
@@ -133,7 +153,8 @@ struct Work<'a, const K: usize, F> {
 #[derive(Clone, Copy, Debug)]
 struct Wanted {
     point: u32,
-    near: Handle,
+    /// The triangle it is wanted for, as a place in the list of all.
+    face: usize,
     disagreement: f64,
 }
 
@@ -162,6 +183,8 @@ impl<const K: usize, F: Fn(&[u32]) -> Vec<Sample<K>> + Sync> Work<'_, K, F> {
             for (&point, sample) in batch.iter().zip(samples) {
                 self.slots[point as usize] = self.found.len() as u32;
                 self.found.push(tidied(sample));
+                self.points.push(point);
+                self.surprises.push(1.0);
             }
         }
         Ok(())
@@ -248,18 +271,30 @@ impl<const K: usize, F: Fn(&[u32]) -> Vec<Sample<K>> + Sync> Work<'_, K, F> {
         let corners = self.corners();
         let limit = TRAPEZOID * self.options.tolerance;
         let faces: Vec<Face> = self.mesh.faces().collect();
-        let mut wanted: Vec<Wanted> = faces
+        let bends: Vec<Option<Bend<K>>> = faces
             .par_iter()
-            .filter_map(|face| {
+            .map(|face| self.bend(face, &corners, squares))
+            .collect();
+        let mut wanted: Vec<Wanted> = (0..faces.len())
+            .into_par_iter()
+            .filter_map(|index| {
+                let face = &faces[index];
                 let known = face.points.map(|point| &corners[point_slot(self, point)]);
-                let disagreement = disagreement(&known);
-                if disagreement <= limit {
+                let disagreement =
+                    disagreement(&known).max(disagreement_around(index, &faces, &bends));
+                let surprise = face
+                    .points
+                    .map(|point| self.surprises[point_slot(self, point)])
+                    .into_iter()
+                    .fold(LEAST_SURPRISE, f64::max)
+                    .min(1.0);
+                if disagreement * surprise <= limit {
                     return None;
                 }
-                let point = self.next_point(face, squares)?;
+                let point = self.next_point(face, &known, squares)?;
                 Some(Wanted {
                     point,
-                    near: face.vertices[0],
+                    face: index,
                     disagreement,
                 })
             })
@@ -283,26 +318,61 @@ impl<const K: usize, F: Fn(&[u32]) -> Vec<Sample<K>> + Sync> Work<'_, K, F> {
         self.evaluate(wanted.iter().map(|wanted| wanted.point).collect())?;
         wanted.sort_by_key(|wanted| wanted.point);
         for wanted in wanted {
+            let face = &faces[wanted.face];
             let point = wanted.point as usize;
+            let known = face.points.map(|point| &corners[point_slot(self, point)]);
+            let slot = point_slot(self, wanted.point);
+            self.surprises[slot] = TRAPEZOID
+                * surprise(&known, self.place(point), &self.found[slot])
+                / wanted.disagreement;
             self.mesh
-                .insert(point, self.place(point), Some(wanted.near));
+                .insert(point, self.place(point), Some(face.vertices[0]));
         }
         Ok(true)
     }
 
+    /// How derivatives change over a triangle of the surface; `None` where they are not known.
+    fn bend(&self, face: &Face, corners: &[Known<K>], squares: &Squares) -> Option<Bend<K>> {
+        let known = face.points.map(|point| &corners[point_slot(self, point)]);
+        let places = known.map(|known| known.corner.place);
+        let is_exact = known.iter().all(|known| known.is_exact);
+        if !is_exact || !squares.hold(places.iter().sum::<DVec2>() / 3.0) {
+            return None;
+        }
+        let slopes = cubic::weight_slopes(&places)?;
+        let change = |axis: usize, along: usize| -> [f64; K] {
+            std::array::from_fn(|k| {
+                (0..3)
+                    .map(|corner| slopes[corner][along] * known[corner].corner.slopes[axis][k])
+                    .sum()
+            })
+        };
+        let (xy, yx) = (change(0, 1), change(1, 0));
+        Some(Bend {
+            sides: std::array::from_fn(|k| places[(k + 1) % 3] - places[k]),
+            xx: change(0, 0),
+            xy: std::array::from_fn(|k| xy[k] + yx[k]),
+            yy: change(1, 1),
+        })
+    }
+
     /// The next point to evaluate in a triangle; `None` when all are, or it lies outside of the surface.
-    fn next_point(&self, face: &Face, squares: &Squares) -> Option<u32> {
+    fn next_point(&self, face: &Face, known: &[&Known<K>; 3], squares: &Squares) -> Option<u32> {
         let places = face.points.map(|point| self.place(point as usize));
         if !squares.hold(places.iter().sum::<DVec2>() / 3.0) {
             return None;
         }
         let lengths: [f64; 3] =
             std::array::from_fn(|k| places[k].distance_squared(places[(k + 1) % 3]));
-        let longest = (1..3).fold(
-            0,
-            |best, k| if lengths[k] > lengths[best] { k } else { best },
-        );
-        let middle = places[longest].midpoint(places[(longest + 1) % 3]);
+        let disagreements: [f64; 3] =
+            std::array::from_fn(|k| disagreement_along(known[k], known[(k + 1) % 3]));
+        let largest =
+            |of: &[f64; 3]| (1..3).fold(0, |best, k| if of[k] > of[best] { k } else { best });
+        // Across a shadow's border rather than along it, unless the triangle would become too thin.
+        let (worst, longest) = (largest(&disagreements), largest(&lengths));
+        let thin = lengths[worst] < THIN * THIN * lengths[longest];
+        let side = if thin { longest } else { worst };
+        let middle = places[side].midpoint(places[(side + 1) % 3]);
         let mut inside: Option<(f64, u32)> = None;
         self.each_within(&places, |point, _| {
             if self.slots[point] == NONE {
@@ -315,7 +385,7 @@ impl<const K: usize, F: Fn(&[u32]) -> Vec<Sample<K>> + Sync> Work<'_, K, F> {
         // A triangle without points of its own is of no interest.
         let (_, inside) = inside?;
         let cell = middle.floor().as_ivec2();
-        let reach = (0.15 * lengths[longest].sqrt()).clamp(0.75, 2.0);
+        let reach = (0.15 * lengths[side].sqrt()).clamp(0.75, 2.0);
         self.domain
             .within([cell.x - 2, cell.y - 2], [cell.x + 2, cell.y + 2])
             .filter(|&point| self.slots[point] == NONE)
@@ -330,15 +400,20 @@ impl<const K: usize, F: Fn(&[u32]) -> Vec<Sample<K>> + Sync> Work<'_, K, F> {
         let Some(slopes) = cubic::weight_slopes(places) else {
             return;
         };
-        let low = places[0].min(places[1]).min(places[2]).floor().as_ivec2();
-        let high = places[0].max(places[1]).max(places[2]).floor().as_ivec2();
-        for point in self
-            .domain
-            .within([low.x - 1, low.y - 1], [high.x + 1, high.y + 1])
-        {
-            let weights = cubic::weights_at(places, &slopes, self.place(point));
-            if weights.iter().all(|&weight| weight >= -1e-9) {
-                visit(point, weights);
+        let top = places[0].y.min(places[1].y).min(places[2].y).floor() as i32 - 1;
+        let bottom = places[0].y.max(places[1].y).max(places[2].y).floor() as i32 + 1;
+        for row in top..=bottom {
+            // Points lie no more than a cell from their own.
+            let Some((left, right)) = span(places, f64::from(row) - 1.0, f64::from(row) + 2.0)
+            else {
+                continue;
+            };
+            let columns = [left.floor() as i32 - 1, right.floor() as i32 + 1];
+            for point in self.domain.within([columns[0], row], [columns[1], row]) {
+                let weights = cubic::weights_at(places, &slopes, self.place(point));
+                if weights.iter().all(|&weight| weight >= -1e-9) {
+                    visit(point, weights);
+                }
             }
         }
     }
@@ -348,9 +423,10 @@ impl<const K: usize, F: Fn(&[u32]) -> Vec<Sample<K>> + Sync> Work<'_, K, F> {
         let mut corners: Vec<Known<K>> = self
             .found
             .iter()
-            .map(|sample| Known {
+            .zip(&self.points)
+            .map(|(sample, &point)| Known {
                 corner: Corner {
-                    place: DVec2::ZERO,
+                    place: self.place(point as usize),
                     value: sample.value,
                     slopes: sample.slopes,
                 },
@@ -358,11 +434,6 @@ impl<const K: usize, F: Fn(&[u32]) -> Vec<Sample<K>> + Sync> Work<'_, K, F> {
                 error: sample.error,
             })
             .collect();
-        for (point, &slot) in self.slots.iter().enumerate() {
-            if slot != NONE {
-                corners[slot as usize].corner.place = self.place(point);
-            }
-        }
         for (handle, point) in self.mesh.vertices() {
             let slot = point_slot(self, point);
             if !corners[slot].is_exact {
@@ -577,27 +648,106 @@ impl<'a, const K: usize> Surface<'a, K> {
     }
 }
 
+/// How derivatives change over a triangle, taken as linear there.
+struct Bend<const K: usize> {
+    sides: [DVec2; 3],
+    /// Second derivatives; the mixed one twice.
+    xx: [f64; K],
+    xy: [f64; K],
+    yy: [f64; K],
+}
+
 /// By how much the corners of a triangle fail to predict each other: the largest of all sides and quantities.
 fn disagreement<const K: usize>(corners: &[&Known<K>; 3]) -> f64 {
+    (0..3)
+        .map(|side| disagreement_along(corners[side], corners[(side + 1) % 3]))
+        .fold(0.0, f64::max)
+}
+
+fn disagreement_along<const K: usize>(a: &Known<K>, b: &Known<K>) -> f64 {
+    let step = b.corner.place - a.corner.place;
+    let is_exact = a.is_exact && b.is_exact;
     let mut largest = 0.0_f64;
-    for side in 0..3 {
-        let (a, b) = (corners[side], corners[(side + 1) % 3]);
-        let step = b.corner.place - a.corner.place;
-        let is_exact = a.is_exact && b.is_exact;
-        for k in 0..K {
-            let along = |known: &Known<K>| {
-                let [x, y] = &known.corner.slopes;
-                x[k] * step.x + y[k] * step.y
-            };
-            let (start, end) = (along(a), along(b));
-            let change = b.corner.value[k] - a.corner.value[k];
-            largest = largest.max((change - 0.5 * (start + end)).abs());
-            if !is_exact {
-                largest = largest.max(CHORD * (end - start).abs());
-            }
+    for k in 0..K {
+        let along = |known: &Known<K>| {
+            let [x, y] = &known.corner.slopes;
+            x[k] * step.x + y[k] * step.y
+        };
+        let (start, end) = (along(a), along(b));
+        let change = b.corner.value[k] - a.corner.value[k];
+        largest = largest.max((change - 0.5 * (start + end)).abs());
+        if !is_exact {
+            largest = largest.max(CHORD * (end - start).abs());
         }
     }
     largest
+}
+
+/// The same between triangles: a bend in the middle of a side is no different from a parabola to its ends, but the triangles beside it
+/// do not bend. Where one bends less than its neighbour, that is the neighbour's matter.
+fn disagreement_around<const K: usize>(
+    index: usize,
+    faces: &[Face],
+    bends: &[Option<Bend<K>>],
+) -> f64 {
+    let Some(bend) = &bends[index] else {
+        return 0.0;
+    };
+    let mut largest = 0.0_f64;
+    for beyond in faces[index].beyond.iter().flatten() {
+        let Some(other) = &bends[*beyond] else {
+            continue;
+        };
+        for side in &bend.sides {
+            let (xx, xy, yy) = (side.x * side.x, side.x * side.y, side.y * side.y);
+            for k in 0..K {
+                let along = |bend: &Bend<K>| xx * bend.xx[k] + xy * bend.xy[k] + yy * bend.yy[k];
+                let (here, there) = (along(bend), along(other));
+                if here.abs() > there.abs() {
+                    largest = largest.max((here - there).abs());
+                }
+            }
+        }
+    }
+    BEND * largest
+}
+
+/// By how much the surface over a triangle is off at a place inside.
+fn surprise<const K: usize>(known: &[&Known<K>; 3], place: DVec2, sample: &Sample<K>) -> f64 {
+    let places = known.map(|known| known.corner.place);
+    let Some((weights, _)) = cubic::weights_in(&places, place) else {
+        return f64::INFINITY;
+    };
+    let value = Surface::new(known).value(weights);
+    (0..K)
+        .map(|k| (value[k] - sample.value[k]).abs())
+        .fold(0.0, f64::max)
+}
+
+/// First and last column of the part of a triangle between two rows.
+fn span(places: &[DVec2; 3], top: f64, bottom: f64) -> Option<(f64, f64)> {
+    let mut span: Option<(f64, f64)> = None;
+    for k in 0..3 {
+        let (a, b) = (places[k], places[(k + 1) % 3]);
+        let (low, high) = if a.y < b.y { (a, b) } else { (b, a) };
+        if low.y > bottom || high.y < top {
+            continue;
+        }
+        let at = |y: f64| {
+            let share = (y - low.y) / (high.y - low.y);
+            low.x + share * (high.x - low.x)
+        };
+        let ends = [
+            if low.y < top { at(top) } else { low.x },
+            if high.y > bottom { at(bottom) } else { high.x },
+        ];
+        let (left, right) = span.unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
+        span = Some((
+            left.min(ends[0]).min(ends[1]),
+            right.max(ends[0]).max(ends[1]),
+        ));
+    }
+    span
 }
 
 /// Derivatives that fit the differences to the neighbours best, near ones most.
