@@ -1,9 +1,17 @@
 //! Functions that have nothing to do with light: interpolation is exact where it must be, close elsewhere, and the same on any number of
 //! threads.
 
-use glam::DVec2;
+#![expect(clippy::print_stdout, reason = "the figures are worth reading")]
+
+use std::sync::atomic::AtomicBool;
+
+use glam::{DVec2, DVec3};
 use lumel::Error;
+use lumel::bake;
 use lumel::refine::{self, Domain, Options, Point, Refined, Sample};
+use lumel::scene::{Material, Scene};
+
+use crate::support::{Rng, emitter, quad, scene_of};
 
 /// The cells of a grid that a test keeps.
 fn domain(width: u16, height: u16, keep: impl Fn(u16, u16) -> bool) -> Domain {
@@ -306,4 +314,113 @@ fn refinement_can_be_interrupted() {
     };
     let result = refine::sparse(&domain, &evaluate, &options(1e-3), &|| true);
     assert!(matches!(result, Err(Error::Interrupted)));
+}
+
+/// A floor, a lamp, and what stands between them.
+fn room(casters: Vec<[DVec3; 3]>) -> Scene {
+    let floor = quad(DVec3::new(-4.0, 0.0, 4.0), 8.0 * DVec3::X, -8.0 * DVec3::Z);
+    let lamp = quad(DVec3::new(-0.2, 4.0, -0.2), 0.4 * DVec3::X, 0.4 * DVec3::Z);
+    scene_of(&[
+        (Material::default(), floor),
+        (emitter(1000.0), lamp),
+        (Material::default(), casters),
+    ])
+}
+
+/// A square bar between two points.
+fn bar(from: DVec3, to: DVec3, width: f64) -> Vec<[DVec3; 3]> {
+    let along = to - from;
+    let (u, v) = along.normalize().any_orthonormal_pair();
+    let (u, v) = (u * width, v * width);
+    let corner = from - 0.5 * (u + v);
+    let mut triangles = Vec::new();
+    for (start, side) in [
+        (corner, u),
+        (corner + u, v),
+        (corner + u + v, -u),
+        (corner + v, -v),
+    ] {
+        triangles.extend(quad(start, side, along));
+    }
+    triangles.extend(quad(corner, v, u));
+    triangles.extend(quad(corner + along, u, v));
+    triangles
+}
+
+/// E of a bake, texel by texel, and the share of texels that were evaluated.
+fn baked(scene: &Scene, options: &bake::Options) -> (Vec<f32>, f64) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let cancelled = AtomicBool::new(false);
+    let execution = bake::Execution {
+        threads: None,
+        cancelled: &cancelled,
+        progress: &|_| {},
+    };
+    let report = bake::bake(scene, folder.path(), options, &execution).expect("a bake");
+    let mut values = Vec::new();
+    for file in report.files.iter().filter(|file| file.ends_with("_E.exr")) {
+        let image = exr::prelude::read_first_rgba_layer_from_file(
+            folder.path().join(file),
+            |size, _| (size.width(), vec![0.0; size.area()]),
+            |(width, pixels): &mut (usize, Vec<f32>), place, (_, g, _, _): (f32, f32, f32, f32)| {
+                pixels[place.y() * *width + place.x()] = g;
+            },
+        )
+        .expect("an EXR with R, G, B");
+        values.extend(image.layer_data.channel_data.pixels.1);
+    }
+    let counters = &report.manifest["counters"];
+    let number = |key: &str| counters[key].as_f64().expect("a number");
+    (values, number("evaluatedTexels") / number("texels"))
+}
+
+#[test]
+fn no_thin_shadow_is_missed() {
+    let mut rng = Rng::new(6);
+    let pole = bar(DVec3::new(0.3, 0.0, 0.2), DVec3::new(0.3, 2.0, 0.2), 0.01);
+    let fence = (0..40)
+        .flat_map(|index| {
+            let x = -2.0 + 0.1 * f64::from(index);
+            bar(DVec3::new(x, 0.0, 1.03), DVec3::new(x, 1.0, 1.03), 0.002)
+        })
+        .collect();
+    let slivers = (0..100)
+        .map(|_| {
+            let place = DVec3::new(
+                rng.range(-2.0, 2.0),
+                rng.range(0.05, 2.5),
+                rng.range(-2.0, 2.0),
+            );
+            let along = rng.direction() * 0.4;
+            [
+                place,
+                place + along,
+                place + 0.5 * along + rng.direction() * 0.02,
+            ]
+        })
+        .collect();
+    for (name, casters) in [("pole", pole), ("fence", fence), ("slivers", slivers)] {
+        let scene = room(casters);
+        let options = |refine| {
+            let mut options = bake::Options {
+                refine,
+                float: true,
+                outputs: Some(vec![bake::Output::E]),
+                ..bake::Options::default()
+            };
+            options.atlas.texels_per_metre = 4.0;
+            options
+        };
+        let (truth, _) = baked(&scene, &options(bake::Refine::Off));
+        let (found, share) = baked(&scene, &options(bake::Refine::Texels));
+        assert_eq!(truth.len(), found.len());
+        let brightest = truth.iter().copied().fold(0.0, f32::max);
+        let largest = truth
+            .iter()
+            .zip(&found)
+            .map(|(a, b)| (a - b).abs() / brightest * 255.0)
+            .fold(0.0, f32::max);
+        println!("{name}: largest error {largest:.2}/255, {share:.3} of the texels evaluated");
+        assert!(largest < 5.0, "{name}: {largest}");
+    }
 }
