@@ -27,8 +27,8 @@ const LOOK: u16 = 32;
 /// Texels of a square that are looked at along each side.
 const LOOKED_AT: usize = 5;
 
-/// How far apart some texels may be evaluated at first, in texels.
-pub(super) type Lookout<'s> = dyn Fn(&[&Texel]) -> u16 + Sync + 's;
+/// How far apart the texels of a square may be evaluated at first, in texels; gets all of them, and some that reach to all sides.
+pub(super) type Lookout<'s> = dyn Fn(&[&Texel], &[&Texel]) -> Vec<u16> + Sync + 's;
 
 /// Texels of a page that belong to one chart of one placement.
 pub(super) struct Chart<'a> {
@@ -76,11 +76,10 @@ impl<'a> Chart<'a> {
         let domain = Domain::new(points)?
             .joined_where(|a, b| goes_on(of(members[a]), of(members[b])))
             .spaced_by(LOOK, |square| {
-                let spread: Vec<&Texel> = spread(square)
-                    .into_iter()
-                    .map(|point| of(members[point]))
-                    .collect();
-                lookout(&spread)
+                let texels = |points: &[usize]| -> Vec<&Texel> {
+                    points.iter().map(|&point| of(members[point])).collect()
+                };
+                lookout(&texels(square), &texels(&spread(square)))
             });
         let mut chart = Self {
             texels,

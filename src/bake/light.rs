@@ -1,5 +1,6 @@
 //! Texels in, light out: evaluates one page and sorts the samples into planes.
 
+use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicU64;
@@ -18,7 +19,7 @@ use crate::lights::Lights;
 use crate::math::{self, Aabb};
 use crate::refine::{self, Field, Plane, Refined};
 use crate::scene::Scene;
-use crate::texels::{Obstacle, Texel, Texels, Tile};
+use crate::texels::{Obstacle, TILE, Texel, Texels, Tile};
 use crate::transport::{self, Counters, Receiver, Sample};
 use crate::visibility::{Occluders, Visibility};
 
@@ -235,8 +236,8 @@ impl<'a> Evaluation<'a> {
         let thickness = self
             .thickness
             .get_or_init(|| Thickness::new(self.scene, self.occluders.edges()));
-        let charts = Chart::all(texels, &|square| {
-            self.spacing(texels.page, square, thickness, options)
+        let charts = Chart::all(texels, &|square, spread| {
+            self.spacing(texels.page, (square, spread), thickness, options)
         })?;
         let on_charts = OnCharts {
             evaluation: self,
@@ -262,25 +263,50 @@ impl<'a> Evaluation<'a> {
         Ok(self.together(texels, parts))
     }
 
-    /// How far apart texels may be evaluated at first.
+    /// How far apart the texels of a square may be evaluated at first; some of them say what may cast shadows on all.
     fn spacing(
         &self,
         page: usize,
-        square: &[&Texel],
+        (square, spread): (&[&Texel], &[&Texel]),
         thickness: &Thickness,
         options: &transport::Options,
-    ) -> u16 {
-        let receivers: Vec<Receiver> = square.iter().map(|texel| receiver(page, texel)).collect();
-        let places = Aabb::from_points(receivers.iter().map(|receiver| receiver.position));
-        let step = square
+    ) -> Vec<u16> {
+        let receivers: Vec<Receiver> = spread.iter().map(|texel| receiver(page, texel)).collect();
+        let shadows =
+            transport::shadows(&receivers, self.lights, self.occluders, options.negligible);
+        let among = |texels: &[&Texel]| {
+            let places = Aabb::from_points(texels.iter().map(|texel| texel.position));
+            let step = texels
+                .iter()
+                .map(|texel| texel.du.length().max(texel.dv.length()))
+                .fold(0.0, f64::max);
+            shadows
+                .iter()
+                .map(|shadow| spacing(thickness.narrowest(self.scene, shadow, &places), step))
+                .min()
+                .unwrap_or(SPACING)
+        };
+        let everywhere = among(square);
+        if everywhere == SPACING {
+            return vec![SPACING; square.len()];
+        }
+        // What comes near to one corner does not make all of the square dense.
+        let mut blocks: BTreeMap<[u16; 2], (Vec<&Texel>, u16)> = BTreeMap::new();
+        let block = |texel: &Texel| [texel.x, texel.y].map(|place| place / TILE as u16);
+        for texel in square {
+            blocks.entry(block(texel)).or_default().0.push(texel);
+        }
+        for (texels, spacing) in blocks.values_mut() {
+            *spacing = among(texels);
+        }
+        square
             .iter()
-            .map(|texel| texel.du.length().max(texel.dv.length()))
-            .fold(0.0, f64::max);
-        transport::shadows(&receivers, self.lights, self.occluders, options.negligible)
-            .iter()
-            .map(|shadow| spacing(thickness.narrowest(self.scene, shadow, &places), step))
-            .min()
-            .unwrap_or(SPACING)
+            .map(|texel| {
+                blocks
+                    .get(&block(texel))
+                    .map_or(everywhere, |(_, spacing)| *spacing)
+            })
+            .collect()
     }
 
     fn together(&self, texels: &Texels, parts: Vec<Part>) -> PageLight {

@@ -99,9 +99,10 @@ impl Domain {
         self
     }
 
-    /// Sets [`Point::spacing`] square by square of `side` cells; `spacing` gets the points of a square that has any.
+    /// Sets [`Point::spacing`] square by square of `side` cells; `spacing` gets the points of a square that has any, row after row, and gives
+    /// a number for each.
     #[must_use]
-    pub fn spaced_by(mut self, side: u16, spacing: impl Fn(&[usize]) -> u16 + Sync) -> Self {
+    pub fn spaced_by(mut self, side: u16, spacing: impl Fn(&[usize]) -> Vec<u16> + Sync) -> Self {
         let square = |point: usize| {
             let [x, y] = self.offset(point);
             let side = i32::from(side.max(1));
@@ -110,9 +111,9 @@ impl Domain {
         let mut points: Vec<usize> = (0..self.points.len()).collect();
         points.sort_by_key(|&point| square(point));
         let squares: Vec<&[usize]> = points.chunk_by(|&a, &b| square(a) == square(b)).collect();
-        let found: Vec<u16> = squares.par_iter().map(|points| spacing(points)).collect();
-        for (points, spacing) in squares.iter().zip(found) {
-            for &point in *points {
+        let found: Vec<Vec<u16>> = squares.par_iter().map(|points| spacing(points)).collect();
+        for (points, spacings) in squares.iter().zip(found) {
+            for (&point, spacing) in points.iter().zip(spacings) {
                 self.points[point].spacing = spacing;
             }
         }
