@@ -33,6 +33,7 @@ const HIDDEN_CRATES: &[(&str, &[&str])] = &[
     ("xatlas_rs", &["atlas"]),
     ("guillotiere", &["atlas"]),
     ("obvhs", &["visibility"]),
+    ("spade", &["refine"]),
     ("exr", &["scene", "output"]),
     ("image", &["scene", "output"]),
     ("tempfile", &["output", "bin"]),

@@ -18,6 +18,7 @@ mod lights;
 mod many_lights;
 mod output;
 mod punctual;
+mod refine;
 mod runtime;
 mod scene;
 mod sky;

@@ -14,8 +14,10 @@ use crate::transport::Counters;
 /// Sums over the pages of a bake.
 pub(super) struct Account {
     tolerance: f64,
-    /// Texels evaluated.
+    /// Texels of all pages.
     pub(super) texels: u64,
+    /// Texels that were interpolated.
+    interpolated: u64,
     /// Texels moved out of other geometry.
     pub(super) pushed_out: usize,
     tiles: u64,
@@ -40,6 +42,7 @@ impl Account {
         Self {
             tolerance,
             texels: 0,
+            interpolated: 0,
             pushed_out: 0,
             tiles: 0,
             counters: Counters::default(),
@@ -47,21 +50,16 @@ impl Account {
         }
     }
 
-    /// Adds a page. `tiles` gives, per tile, its counters and per texel (E, error of E).
-    pub(super) fn page<'t>(
-        &mut self,
-        texels: &Texels,
-        tiles: impl Iterator<Item = (&'t Counters, &'t [[f32; 2]])>,
-    ) {
+    /// Adds a page. `figures` gives, per texel, (E, error of E).
+    pub(super) fn page(&mut self, texels: &Texels, counters: &Counters, figures: &[[f32; 2]]) {
         let first = self.errors.len();
         let mut largest = 0.0_f32;
-        for (counters, figures) in tiles {
-            self.counters.add(counters);
-            self.tiles += 1;
-            for &[irradiance, error] in figures {
-                largest = largest.max(irradiance);
-                self.errors.push(error);
-            }
+        self.counters.add(counters);
+        self.tiles += texels.tiles.len() as u64;
+        self.interpolated += (texels.texels.len() as u64).saturating_sub(counters.points);
+        for &[irradiance, error] in figures {
+            largest = largest.max(irradiance);
+            self.errors.push(error);
         }
         self.texels += texels.texels.len() as u64;
         for error in &mut self.errors[first..] {
@@ -140,6 +138,8 @@ impl Account {
             "plan": plan.decisions,
             "counters": {
                 "texels": self.texels,
+                "evaluatedTexels": self.texels - self.interpolated,
+                "interpolatedTexels": self.interpolated,
                 "tiles": self.tiles,
                 "pushedOut": self.pushed_out,
                 "lights": lights.len(),
@@ -193,6 +193,7 @@ fn options_json(options: &Options) -> Value {
         "sky-mode": options.lights.sky_mode,
         "light-radius": options.lights.light_radius,
         "sun-angle": options.lights.sun_angle.to_degrees(),
+        "refine": options.refine,
         "directional": options.directional,
         "float": options.float,
         "outputs": options.outputs,

@@ -1,9 +1,11 @@
 //! Joins the stages: decides what a scene needs ([`plan`]) and does it ([`bake`]). No loop over texels here.
 
 mod account;
+mod chart;
 mod inspect;
 mod light;
 mod plan;
+mod spacing;
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -36,8 +38,10 @@ pub struct Options {
     /// Target error of E relative to the page's maximum. Range: 1e-6..=1. Default: 0.004, one step of 255.
     pub tolerance: f64,
     /// Share of a receiver's light below which a light is tested by one shadow ray at most, see [`transport::Options::direct_threshold`].
-    /// Range: 0..=1. Default: `None`, the tolerance. Bakes with derivatives integrate every light.
+    /// Range: 0..=1. Default: `None`, the tolerance. Bakes with derivatives, and those that interpolate, integrate every light.
     pub direct_threshold: Option<f64>,
+    /// Where light is evaluated. Default: [`Refine::Off`], every texel.
+    pub refine: Refine,
     /// Stores the light vector even when no material has a normal texture. Default: false.
     pub directional: bool,
     /// Stores 32-bit floats instead of halves everywhere. Default: false.
@@ -56,12 +60,25 @@ impl Default for Options {
             transport: transport::Options::default(),
             tolerance: 0.004,
             direct_threshold: None,
+            refine: Refine::Off,
             directional: false,
             float: false,
             outputs: None,
             exports: Vec::new(),
         }
     }
+}
+
+/// Where light is evaluated, as `--refine` spells it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Refine {
+    /// As [`Self::Texels`] where that is cheaper, else as [`Self::Off`]; the plan says which and why.
+    Auto,
+    /// At those texels between which it bends; at the others it is interpolated.
+    Texels,
+    /// At every texel: the reference.
+    Off,
 }
 
 /// A kind of file of a bake, as `--outputs` spells it.
@@ -254,7 +271,7 @@ fn bake_here(
     execution.check()?;
     clock.lap(Stage::Prepare);
 
-    let evaluation = light::Evaluation::new(&lights, &occluders, &plan, options);
+    let evaluation = light::Evaluation::new(scene, &lights, &occluders, &plan, options);
     let mut account = account::Account::new(options.tolerance);
     let mut pages = Vec::new();
     for page in 0..atlas.pages.len() {

@@ -1,6 +1,6 @@
 //! What a scene needs, and what it gives no reason for.
 
-use super::{Options, Output};
+use super::{Options, Output, Refine};
 use crate::lights::Lights;
 use crate::lights::SkyMode;
 use crate::output;
@@ -9,13 +9,15 @@ use crate::scene::Material;
 use crate::scene::PunctualKind;
 use crate::scene::PunctualLight;
 use crate::scene::Scene;
-use crate::transport;
+use crate::transport::{self, Estimator};
 
 /// Decisions about a bake, each with its reason.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Plan {
     /// In the order of the stages.
     pub decisions: Vec<Decision>,
+    /// Whether light is evaluated only where it bends.
+    pub interpolates: bool,
     /// The files to write.
     pub outputs: Vec<Output>,
     /// Layouts of engines to write beside them.
@@ -77,7 +79,7 @@ impl Plan {
 
     pub(super) fn transport(&self, options: &Options) -> transport::Options {
         transport::Options {
-            gradients: self.writes(Output::Gradient),
+            gradients: self.writes(Output::Gradient) || self.interpolates,
             direct_threshold: options.direct_threshold.unwrap_or(options.tolerance),
             ..options.transport.clone()
         }
@@ -104,6 +106,7 @@ impl Plan {
 pub fn plan(scene: &Scene, lights: &Lights, options: &Options) -> Plan {
     let mut plan = Plan {
         decisions: Vec::new(),
+        interpolates: false,
         outputs: Vec::new(),
         exports: options.exports.clone(),
     };
@@ -139,14 +142,19 @@ fn decide_light(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Optio
             "where lights together can add no more than a quarter of the tolerance to a tile, they are left out there and counted as error",
         );
     }
+    let (interpolates, reason) = decide_refine(lights, options);
+    plan.interpolates = interpolates;
+    plan.decide("interpolation", interpolates, reason);
     if lights.len() >= transport::MANY_LIGHTS {
         let threshold = options.direct_threshold.unwrap_or(options.tolerance);
         let gradients = options.asks_for(Output::Gradient);
         plan.decide(
             "adaptive shadow testing",
-            threshold > 0.0 && !gradients,
+            threshold > 0.0 && !gradients && !interpolates,
             if gradients {
                 "derivatives were asked for, so every light is integrated".to_owned()
+            } else if interpolates {
+                "light is interpolated, which needs derivatives, so every light is integrated".to_owned()
             } else if threshold > 0.0 {
                 format!(
                     "of {} lights those that could give a tile less than {threshold} of its light are tested by one ray at most",
@@ -209,6 +217,42 @@ fn n_directional(scene: &Scene) -> usize {
         light.kind == PunctualKind::Directional && light.intensity.max_element() > 0.0
     };
     scene.punctual_lights.iter().filter(is_sun).count()
+}
+
+/// Whether to interpolate, and why.
+fn decide_refine(lights: &Lights, options: &Options) -> (bool, &'static str) {
+    let threshold = options.direct_threshold.unwrap_or(options.tolerance);
+    let tests_adaptively = lights.len() >= transport::MANY_LIGHTS
+        && threshold > 0.0
+        && !options.asks_for(Output::Gradient);
+    let has_derivatives = !matches!(
+        options.transport.estimator,
+        Estimator::Sampled | Estimator::Vedel
+    );
+    match options.refine {
+        Refine::Off => (
+            false,
+            "every texel is evaluated (--refine auto would interpolate)",
+        ),
+        Refine::Texels => (true, "as asked with --refine texels"),
+        Refine::Auto if lights.is_empty() => (false, "no light"),
+        Refine::Auto if tests_adaptively => (
+            false,
+            "many lights: testing them adaptively at every texel is cheaper than integrating all of them for their derivatives",
+        ),
+        Refine::Auto if !lights.suns.is_empty() => (
+            false,
+            "suns or sky directions without a size have shadows without derivatives",
+        ),
+        Refine::Auto if !has_derivatives => (
+            false,
+            "the estimator asked for has no derivatives that could be relied on",
+        ),
+        Refine::Auto => (
+            true,
+            "texels are evaluated where light bends, by its derivatives; the others are interpolated",
+        ),
+    }
 }
 
 fn decide_punctual(plan: &mut Plan, scene: &Scene, lights: &Lights, options: &Options) {

@@ -1,9 +1,19 @@
-//! Closure + domain → [`Field`]: decides at which points a quantity is evaluated. Knows nothing of light.
+//! Closure + domain → values at every point: decides at which points a quantity is evaluated. Knows nothing of light.
 //!
-//! For now every texel is evaluated, tile by tile.
+//! [`every_tile`] evaluates everywhere. [`sparse()`] evaluates where the quantity bends and interpolates it everywhere else: over a
+//! [`Domain`] (`domain`, its borders in `border`) it spans triangles (`mesh`) with cubics on them (`cubic`), and adds points where the
+//! triangles' corners do not predict each other.
+
+mod border;
+mod cubic;
+mod domain;
+mod mesh;
+mod sparse;
 
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
+pub use self::domain::{Domain, Point};
+pub use self::sparse::{Options, Refined, Sample, sparse};
 use crate::error::{Error, Result};
 
 /// Values at the covered texels of one page, one plane per quantity.

@@ -10,7 +10,7 @@ mod cover;
 mod push_out;
 mod surface;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::atlas::Atlas;
@@ -41,6 +41,8 @@ pub struct Texel {
     pub x: u16,
     /// Row in the page, 0 on top.
     pub y: u16,
+    /// Where in the page it is evaluated, in texels: its centre, or the nearest point of its chart; [`push_out`] moves it along.
+    pub place: DVec2,
     /// Index in [`Scene::triangles`] of the triangle it lies on.
     pub triangle: u32,
     /// World metres; where light is evaluated. After [`push_out`] it may lie off the triangle.
@@ -55,6 +57,25 @@ pub struct Texel {
     pub du: DVec3,
     /// ∂x/∂v in metres per texel down, on the triangle's plane. Where the triangle has no usable area in the layout: across `du`, as long.
     pub dv: DVec3,
+}
+
+impl Texel {
+    /// A way in metres in steps of the tangent map, as far as it runs along the surface.
+    fn steps(&self, way: DVec3) -> DVec2 {
+        let (uu, uv, vv) = (
+            self.du.length_squared(),
+            self.du.dot(self.dv),
+            self.dv.length_squared(),
+        );
+        let determinant = uu * vv - uv * uv;
+        let (u, v) = (self.du.dot(way), self.dv.dot(way));
+        let steps = DVec2::new(vv * u - uv * v, uu * v - uv * u) / determinant;
+        if steps.is_finite() {
+            steps
+        } else {
+            DVec2::ZERO
+        }
+    }
 }
 
 /// A run of [`Texels::texels`] that belongs together.
@@ -124,6 +145,7 @@ pub fn push_out(
         .map(|texel| {
             let exit = push_out::exit(texel, first_hit);
             if let Some(position) = exit {
+                texel.place += texel.steps(position - texel.position);
                 texel.position = position;
             }
             usize::from(exit.is_some())

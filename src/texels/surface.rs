@@ -47,7 +47,14 @@ pub(super) fn lift(scene: &Scene, atlas: &Atlas, page: usize) -> (Vec<Texel>, Ve
             let world = &worlds[texel.placement as usize];
             let [x, y] = texel.texel;
             let lifted = world.texel(coverage.of(atlas, texel), *triangle);
-            Texel { x, y, ..lifted }
+            let offset = atlas.placements[texel.placement as usize].offset;
+            let place = lifted.place + DVec2::from_array(offset.map(f64::from));
+            Texel {
+                x,
+                y,
+                place,
+                ..lifted
+            }
         })
         .collect();
     (texels, tiles(&on_page))
@@ -123,7 +130,7 @@ impl<'a> World<'a> {
             .ok()
     }
 
-    /// The texel, at column and row 0; `triangle` comes from [`Self::find`].
+    /// The texel, at column and row 0, its place in the unwrap; `triangle` comes from [`Self::find`].
     fn texel(&self, covered: &Covered, triangle: usize) -> Texel {
         let [primitive, local] = covered.triangle;
         let unwrapped = &self.unwrap.primitives[primitive as usize];
@@ -160,6 +167,9 @@ impl<'a> World<'a> {
         Texel {
             x: 0,
             y: 0,
+            place: flat[0] * covered.weights[0]
+                + flat[1] * covered.weights[1]
+                + flat[2] * covered.weights[2],
             triangle: (self.first + index) as u32,
             position,
             geometric_normal,

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Parser, Subcommand, ValueEnum};
 use lumel::atlas::Uv;
-use lumel::bake::{Options, Output};
+use lumel::bake::{Options, Output, Refine};
 use lumel::lights::sky;
 use lumel::output::Export;
 use lumel::scene;
@@ -393,6 +393,10 @@ pub(crate) struct Quality {
     #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(1e-6..=1.0))]
     tolerance: Option<f64>,
 
+    /// Where light is evaluated; elsewhere it is interpolated by its derivatives
+    #[arg(long, value_name = "WHERE", default_value = "off")]
+    refine: RefineArg,
+
     #[command(flatten)]
     sampling: Sampling,
 
@@ -482,6 +486,7 @@ impl Quality {
         }
         self.sampling.apply(&mut options);
         self.sizes.apply(&mut options);
+        options.refine = self.refine.into();
         options.directional = self.directional;
         options
     }
@@ -535,6 +540,26 @@ impl From<EstimatorArg> for Estimator {
             EstimatorArg::Sampled => Self::Sampled,
             EstimatorArg::Vedel => Self::Vedel,
             EstimatorArg::Traced => Self::Traced,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RefineArg {
+    /// As texels where that is cheaper, else as off; `lumel inspect` says which and why
+    Auto,
+    /// At the texels between which it bends, by its derivatives
+    Texels,
+    /// At every texel: the reference
+    Off,
+}
+
+impl From<RefineArg> for Refine {
+    fn from(refine: RefineArg) -> Self {
+        match refine {
+            RefineArg::Auto => Self::Auto,
+            RefineArg::Texels => Self::Texels,
+            RefineArg::Off => Self::Off,
         }
     }
 }

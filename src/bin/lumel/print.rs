@@ -105,6 +105,20 @@ pub(crate) fn bake_summary(report: &Report, directory: &Path, seconds: f64) -> S
             )
         ),
     );
+    let (evaluated, texels) = (
+        real(&counters["evaluatedTexels"]),
+        real(&counters["texels"]),
+    );
+    if evaluated < texels {
+        lines.add(
+            "evaluated",
+            &format!(
+                "{} texels, {:.3} evaluations per texel; the others are interpolated",
+                number(&counters["evaluatedTexels"]),
+                evaluated / texels
+            ),
+        );
+    }
     lines.add("lights", &number(&counters["lights"]));
     let count = |name: &str| light[name].as_u64().unwrap_or(0);
     lines.add(
