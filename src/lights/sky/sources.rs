@@ -17,6 +17,12 @@ use crate::scene;
 /// is three times as wide as far; nearer to 90° it grows without bound.
 const NARROW: f64 = 0.3;
 
+/// Steradians below which a part of a polygon is rounding.
+const NOTHING: f64 = 1e-12;
+
+/// Times a polygon is halved. A hemisphere needs three; what is not narrow after many has no inside.
+const MAX_CUTS: usize = 16;
+
 /// Interleaved sets: a pattern of 3 × 3 texels.
 const SETS: usize = 9;
 
@@ -146,17 +152,23 @@ fn octants() -> Vec<Vec<DVec3>> {
 
 /// Spherical polygons of one radiance that together have the given light vector, if it is another one, cut until each is narrow.
 fn of_polygons(
-    mut polygons: Vec<Vec<DVec3>>,
+    polygons: Vec<Vec<DVec3>>,
     radiance: DVec3,
     light_vector: Option<[DVec3; 3]>,
 ) -> Vec<Distant> {
     let mut parts = Vec::new();
-    while let Some(polygon) = polygons.pop() {
+    let mut left: Vec<_> = polygons.into_iter().map(|polygon| (polygon, 0)).collect();
+    while let Some((polygon, depth)) = left.pop() {
+        // What a cut along a border leaves beside it.
+        if polygon.len() < 3 || solid_angle(&polygon) < NOTHING {
+            continue;
+        }
         let middle = middle(&polygon);
         if polygon.iter().all(|corner| corner.dot(middle) > NARROW) {
             parts.push((polygon, middle));
-        } else {
-            polygons.extend(halves(&polygon, middle));
+        } else if depth < MAX_CUTS {
+            let halves = halves(&polygon, middle);
+            left.extend(halves.map(|half| (half, depth + 1)));
         }
     }
     let solid_angles: Vec<f64> = parts.iter().map(|(part, _)| solid_angle(part)).collect();
@@ -232,6 +244,10 @@ fn halves(polygon: &[DVec3], middle: DVec3) -> [Vec<DVec3>; 2] {
             }
             if (at_a >= 0.0) != (at_b >= 0.0) {
                 part.push((a * at_b - b * at_a).normalize() * (at_b - at_a).signum());
+                // The cut may be half a circle: its ends alone would not say which.
+                if at_b < 0.0 {
+                    part.push(middle);
+                }
             }
         }
         part
