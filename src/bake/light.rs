@@ -529,10 +529,10 @@ fn packed<const K: usize>(sample: &Sample, chart: &Chart<'_>, point: usize) -> r
         let vector = 3 * channel..3 * channel + 3;
         packed.value[vector.clone()].copy_from_slice(&sample.g[channel].to_array());
         packed.value[9 + channel] = sample.phi[channel];
-        for axis in 0..2 {
-            let slope = sample.j[channel] * steps[axis];
-            packed.slopes[axis][vector.clone()].copy_from_slice(&slope.to_array());
-            packed.slopes[axis][9 + channel] = sample.grad_phi[channel].dot(steps[axis]);
+        for (slopes, step) in packed.slopes.iter_mut().zip(steps) {
+            let slope = sample.j[channel] * step;
+            slopes[vector.clone()].copy_from_slice(&slope.to_array());
+            slopes[9 + channel] = sample.grad_phi[channel].dot(step);
         }
     }
     packed

@@ -758,7 +758,7 @@ fn estimated_slopes<const K: usize>(
 ) -> [[f64; K]; 2] {
     let here = &corners[of].corner;
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    let mut sums = [[0.0; K]; 2];
+    let [mut along_x, mut along_y] = [[0.0; K]; 2];
     for &other in around {
         let there = &corners[other].corner;
         let step = there.place - here.place;
@@ -766,10 +766,11 @@ fn estimated_slopes<const K: usize>(
         xx += weight * step.x * step.x;
         xy += weight * step.x * step.y;
         yy += weight * step.y * step.y;
-        for k in 0..K {
-            let change = weight * (there.value[k] - here.value[k]);
-            sums[0][k] += change * step.x;
-            sums[1][k] += change * step.y;
+        let pairs = there.value.iter().zip(&here.value);
+        for ((x, y), (there, here)) in along_x.iter_mut().zip(&mut along_y).zip(pairs) {
+            let change = weight * (there - here);
+            *x += change * step.x;
+            *y += change * step.y;
         }
     }
     let determinant = xx * yy - xy * xy;
@@ -777,8 +778,8 @@ fn estimated_slopes<const K: usize>(
         return [[0.0; K]; 2];
     }
     [
-        std::array::from_fn(|k| (yy * sums[0][k] - xy * sums[1][k]) / determinant),
-        std::array::from_fn(|k| (xx * sums[1][k] - xy * sums[0][k]) / determinant),
+        std::array::from_fn(|k| (yy * along_x[k] - xy * along_y[k]) / determinant),
+        std::array::from_fn(|k| (xx * along_y[k] - xy * along_x[k]) / determinant),
     ]
 }
 
