@@ -1,6 +1,7 @@
 //! Adaptive shadow testing: what is left untested is bounded by the error that is reported, and nothing is tested without need.
 
 use glam::DVec3;
+use lumel::bake;
 use lumel::lights::{self, Lights, Polygon};
 use lumel::math;
 use lumel::scene::{self, Material, Scene};
@@ -170,4 +171,32 @@ fn few_lights_are_all_integrated() {
     let (all, _) = gather(&scene, &lights, &tile, 0.0);
     let (some, _) = gather(&scene, &lights, &tile, 0.9);
     assert_eq!(some, all);
+}
+
+/// Names and bytes of all files of a bake of the theatre.
+fn files_of_a_bake(threads: usize) -> Vec<(String, Vec<u8>)> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let cancelled = std::sync::atomic::AtomicBool::new(false);
+    let execution = bake::Execution {
+        threads: Some(threads),
+        cancelled: &cancelled,
+        progress: &|_| {},
+    };
+    let mut options = bake::Options::default();
+    options.atlas.texels_per_metre = 0.5;
+    let report = bake::bake(&theatre(), folder.path(), &options, &execution).expect("a bake");
+    let light = &report.manifest["counters"]["light"];
+    assert!(light["lights_untested"].as_u64() > Some(1000), "{light}");
+    let read = |name: &String| {
+        let bytes = std::fs::read(folder.path().join(name)).expect("a file of the bake");
+        (name.clone(), bytes)
+    };
+    report.files.iter().map(read).collect()
+}
+
+#[test]
+fn threads_change_nothing_of_what_the_histories_of_tiles_say() {
+    let alone = files_of_a_bake(1);
+    assert!(alone.len() >= 3);
+    assert!(alone == files_of_a_bake(2), "two threads give other bytes");
 }
