@@ -61,6 +61,13 @@ impl Seen {
         }
     }
 
+    fn rays(&self) -> u32 {
+        match self {
+            Self::Alike(part) => part.rays,
+            Self::Tinted(parts) => parts[0].rays,
+        }
+    }
+
     pub(super) fn for_each(&mut self, mut change: impl FnMut(&mut Part)) {
         match self {
             Self::Alike(part) => change(part),
@@ -81,15 +88,12 @@ pub(super) fn estimate_to(view: &View<'_>, samples: u32, accepted: f64) -> Seen 
     if wanted <= samples {
         return pilot;
     }
-    let mut pilot_rays = 0;
-    let mut pilot = pilot;
-    pilot.for_each(|part| pilot_rays = part.rays);
     let again = View {
         light: !view.light,
         ..*view
     };
     let mut seen = estimate(&again, wanted);
-    seen.for_each(|part| part.rays += pilot_rays);
+    seen.for_each(|part| part.rays += pilot.rays());
     seen
 }
 

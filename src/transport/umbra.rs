@@ -4,6 +4,8 @@
 //! the corners of the light cross one triangle, all lines do, and nothing of the light is seen. Most tiles of a building are in the
 //! dark of most lights and most of the sky by a wall alone.
 
+use std::cell::OnceCell;
+
 use glam::DVec3;
 
 use super::source::Source;
@@ -24,17 +26,22 @@ pub(super) fn is_total(
     let middle = source.seen_middle(centre);
     let edges = occluders.edges();
     let vertices_of = |id: u32| edges.corners[id as usize].map(|v| edges.vertices[v as usize]);
-    let corners = places.corners();
+    // One corner and what it sees after the other; needed only where some triangle stands in the middle.
+    let lines = OnceCell::new();
+    let lines_of = || -> Vec<(DVec3, Vec<DVec3>)> {
+        let corners = places.corners();
+        corners.map(|from| (from, source.hull(from))).into()
+    };
     candidates
         .iter()
         .filter(|&&id| !occluders.is_masked(id))
         .map(|&id| vertices_of(id))
         .filter(|triangle| is_crossed(triangle, centre, middle))
         .any(|triangle| {
-            corners.iter().all(|&from| {
-                let hull = source.hull(from);
-                hull.iter().all(|&to| is_crossed(&triangle, from, to))
-            })
+            lines
+                .get_or_init(lines_of)
+                .iter()
+                .all(|(from, hull)| hull.iter().all(|to| is_crossed(&triangle, *from, *to)))
         })
 }
 

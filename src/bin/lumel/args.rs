@@ -344,7 +344,8 @@ pub(crate) struct Sampling {
     samples: Option<u32>,
 
     /// Among 16 lights or more: those that could give less than this share of the light are tested by one shadow ray at most, and none once
-    /// the rest is below this share of what is known; 0 integrates all. Radiance's -dt [default: the tolerance]
+    /// the rest is below this share of what is known; 0 integrates all. Radiance's -dt [default: the tolerance; 0 for
+    /// probe, which gives no derivatives with any other]
     #[arg(long, value_name = "X", allow_negative_numbers = true, value_parser = real(0.0..=1.0))]
     direct_threshold: Option<f64>,
 

@@ -64,6 +64,8 @@ type Answer = (usize, Option<DVec3>);
 /// The lights and rays of a tile.
 struct Tests<'s, 'a> {
     minors: Vec<Minor<'s, 'a>>,
+    /// What the tests said of all of them.
+    all: History,
     tile: &'s [Receiver],
     occluders: &'s Occluders<'a>,
     options: &'s Options,
@@ -95,6 +97,7 @@ pub(super) fn add(
         .collect();
     let mut tests = Tests {
         minors,
+        all: History::default(),
         tile,
         occluders,
         options,
@@ -201,20 +204,15 @@ impl Tests<'_, '_> {
     /// beyond what was expected stands for the others (a difference estimator: W. Cochran, "Sampling techniques", 3rd edition 1977).
     fn add_drawn(&mut self, place: usize, lights: &[(f64, usize)], total: &mut Total) {
         let receiver = &self.tile[place];
-        let everybody = self.everybody();
-        let doubt_of = |minors: &[Minor<'_, '_>], potential: f64, index: usize| {
-            potential * minors[index].history.deviation()
-        };
-        let step = lights
+        let doubts: Vec<f64> = lights
             .iter()
-            .map(|&(potential, index)| doubt_of(&self.minors, potential, index))
-            .sum::<f64>()
-            / MAX_RAYS as f64;
+            .map(|&(potential, index)| potential * self.minors[index].history.deviation())
+            .collect();
+        let step = doubts.iter().sum::<f64>() / MAX_RAYS as f64;
         let [start, _] = math::unit_pair(math::hash(receiver.seed, u64::MAX, 1));
         let (mut next, mut sum) = (start * step, 0.0);
-        for &(potential, index) in lights {
-            let doubt = doubt_of(&self.minors, potential, index);
-            let expected = self.likelihood(index, everybody);
+        for (&(_, index), doubt) in lights.iter().zip(doubts) {
+            let expected = self.likelihood(index);
             sum += doubt;
             let (mut share, mut deviation, mut rays) = (DVec3::splat(expected), 0.0, 0);
             if sum > next {
@@ -242,17 +240,6 @@ impl Tests<'_, '_> {
         }
     }
 
-    /// Share of the tile's rays that reached their light.
-    fn everybody(&self) -> f64 {
-        let (tested, seen) = self
-            .minors
-            .iter()
-            .fold((0.0, 0.0), |(tested, seen), minor| {
-                (tested + minor.history.tested, seen + minor.history.seen)
-            });
-        if tested > 0.0 { seen / tested } else { 1.0 }
-    }
-
     /// Tests a light by a ray, and remembers.
     fn ask(&mut self, place: usize, index: usize) -> DVec3 {
         let receiver = &self.tile[place];
@@ -267,31 +254,28 @@ impl Tests<'_, '_> {
         } else {
             DVec3::ONE
         };
-        minor.history.tested += 1.0;
-        minor.history.seen += mean(seen);
+        for history in [&mut minor.history, &mut self.all] {
+            history.tested += 1.0;
+            history.seen += mean(seen);
+        }
         self.counters.shadow_rays += 1;
         seen
     }
 
-    /// How likely a light is seen where nobody looked.
-    fn likelihood(&self, index: usize, everybody: f64) -> f64 {
-        let history = self.minors[index].history;
-        if history.tested > 0.0 {
-            history.seen / history.tested
-        } else {
-            everybody
-        }
+    /// How likely a light is seen where nobody looked: as often as the tile saw it, or as it saw the others.
+    fn likelihood(&self, index: usize) -> f64 {
+        let own = self.minors[index].history.share();
+        own.or(self.all.share()).unwrap_or(1.0)
     }
 
     /// Adds what the answers of one receiver come to.
     fn sum(&mut self, place: usize, answers: &[Answer], total: &mut Total) {
         let receiver = &self.tile[place];
-        let everybody = self.everybody();
         let (mut seen, mut expected) = (0.0, 0.0);
         for &(index, answer) in answers {
             if let Some(share) = answer {
                 seen += mean(share);
-                expected += self.likelihood(index, everybody);
+                expected += self.likelihood(index);
             }
         }
         let fortune = if expected > 0.0 { seen / expected } else { 1.0 };
@@ -306,7 +290,7 @@ impl Tests<'_, '_> {
                 Some(share) => (share, minor.history.deviation()),
                 None => {
                     self.counters.lights_untested += 1;
-                    let share = (self.likelihood(index, everybody) * fortune).min(1.0);
+                    let share = (self.likelihood(index) * fortune).min(1.0);
                     total.widen(irradiance * share.max(1.0 - share) * strength.max_element());
                     (DVec3::splat(share), 0.0)
                 }
@@ -322,6 +306,11 @@ impl Tests<'_, '_> {
 }
 
 impl History {
+    /// Share of the tests that saw it; `None` without any.
+    fn share(&self) -> Option<f64> {
+        (self.tested > 0.0).then(|| self.seen / self.tested)
+    }
+
     /// Standard deviation of one answer, half an answer at least being in doubt.
     fn deviation(&self) -> f64 {
         let doubt = 0.5 / (self.tested + 1.0);
